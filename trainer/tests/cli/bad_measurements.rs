@@ -11,7 +11,7 @@ fn folder() -> Folder {
     folder.write("good.csv", simulated("train", POSES));
     let line = format!("calibrate --robot {SERIAL} good.csv --method poe-gp-load --out arm.blob");
     folder.run(&line).ok();
-    folder.write("old.blob", "the old blob");
+    folder.write("old.blob", folder.read("arm.blob"));
     folder
 }
 

@@ -1,13 +1,13 @@
 //! Every command that takes a robot refuses an invalid one and writes nothing.
 
-use crate::program::{Folder, simulated};
+use crate::program::{Folder, earlier, simulated};
 use crate::texts::texts;
 
 /// Asserts that every command refuses `robot`.
 #[track_caller]
 fn refused(folder: &Folder, robot: &str) {
     folder.write("train.csv", simulated("train", 12));
-    folder.write("old.blob", "the old blob");
+    folder.write("old.blob", earlier().0);
     for line in [
         format!("calibrate --robot {robot} train.csv --method poe --out old.blob --json new.json"),
         format!("compare --robot {robot} train.csv --json new.json"),

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::program::{Folder, SERIAL, simulated, with_field};
+use crate::program::{Folder, SERIAL, earlier, simulated, with_field};
 use crate::texts::texts;
 
 #[test]
@@ -148,7 +148,8 @@ fn interrupted_calibration(signals: usize) -> String {
     let rows = csv.lines().enumerate();
     let rows = rows.map(|(i, row)| row.to_owned() + if i == 0 { ",operator\n" } else { ",me\n" });
     folder.write("train.csv", rows.collect::<String>());
-    folder.write("a.blob", "old");
+    let (old, _) = earlier();
+    folder.write("a.blob", &old);
     let line = format!(
         "calibrate --robot {SERIAL} train.csv --out a.blob --json a.json --report a.html --write-project a.toml"
     );
@@ -160,7 +161,7 @@ fn interrupted_calibration(signals: usize) -> String {
         noted
     });
     assert_eq!(folder.names(), ["a.blob", "train.csv"]);
-    assert_eq!(folder.read("a.blob"), b"old");
+    assert_eq!(folder.read("a.blob"), old);
     String::from_utf8(output.stderr).unwrap()
 }
 

@@ -4,7 +4,7 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 use serde_json::Value;
 
-use crate::program::{Folder, SERIAL, simulated};
+use crate::program::{Folder, SERIAL, earlier, simulated};
 use crate::texts::texts;
 
 fn folder() -> Folder {
@@ -153,7 +153,8 @@ fn a_blob_that_loses_precision_is_not_written() {
         pose.measured = nominal.forward(&serial);
     }
     folder.write("smooth.csv", to_csv(&robot, &poses, false, "no noise"));
-    folder.write("old.blob", "old");
+    let (old, _) = earlier();
+    folder.write("old.blob", &old);
     let line = format!(
         "calibrate --robot {SERIAL} smooth.csv --method poe-gp --accept coupling --out old.blob --json new.json"
     );
@@ -162,7 +163,7 @@ fn a_blob_that_loses_precision_is_not_written() {
     assert_eq!(outcome.stdout, "");
     outcome.said();
     assert_eq!(folder.names(), ["old.blob", "smooth.csv"]);
-    assert_eq!(folder.read("old.blob"), b"old");
+    assert_eq!(folder.read("old.blob"), old);
 }
 
 /// Returns commands whose printed text is lost, and the files that they have written by then.
@@ -269,7 +270,8 @@ fn a_reader_that_goes_away_early() {
 fn a_full_device_is_named() {
     let _texts = texts();
     let folder = folder();
-    folder.write("old.blob", "old");
+    let (old, _) = earlier();
+    folder.write("old.blob", &old);
     let before = folder.names();
     for line in [
         format!(
@@ -283,7 +285,7 @@ fn a_full_device_is_named() {
     ] {
         folder.run(&line).lost("/dev/full");
         assert_eq!(folder.names(), before, "{line}");
-        assert_eq!(folder.read("old.blob"), b"old");
+        assert_eq!(folder.read("old.blob"), old);
     }
 }
 
@@ -294,9 +296,9 @@ fn a_full_device_is_named() {
 fn a_disk_that_becomes_full_takes_no_file() {
     let folder = folder();
     folder.write("test.csv", simulated("test1", 5));
-    for name in ["old.blob", "report.html"] {
-        folder.write(name, "old");
-    }
+    let (old, report) = earlier();
+    folder.write("old.blob", &old);
+    folder.write("report.html", &report);
     let before = folder.names();
     let limited = |line: &str| {
         let program = env!("CARGO_BIN_EXE_trainer");
@@ -312,9 +314,8 @@ fn a_disk_that_becomes_full_takes_no_file() {
     let lost = "error: report.html: not written: File too large (os error 27)\n";
     assert_eq!(outcome.stderr, lost);
     assert_eq!(folder.names(), before);
-    for name in ["old.blob", "report.html"] {
-        assert_eq!(folder.read(name), b"old");
-    }
+    assert_eq!(folder.read("old.blob"), old);
+    assert_eq!(folder.read("report.html"), report);
     // Without the report, the command succeeds, so the report was too large.
     assert_eq!(limited(&line).code, Some(0));
 }
@@ -325,9 +326,10 @@ fn a_disk_that_becomes_full_takes_no_file() {
 #[test]
 fn a_rename_that_fails_takes_the_others_back() {
     let folder = folder();
+    let (old, _) = earlier();
     for there_before in [true, false] {
         if there_before {
-            folder.write("first.blob", "old");
+            folder.write("first.blob", &old);
         }
         let made = std::process::Command::new("mkfifo")
             .arg(folder.path("pipe"))
@@ -375,7 +377,7 @@ fn a_rename_that_fails_takes_the_others_back() {
         expected.retain(|name| there_before || *name != "first.blob");
         assert_eq!(folder.names(), expected);
         if there_before {
-            assert_eq!(folder.read("first.blob"), b"old");
+            assert_eq!(folder.read("first.blob"), old);
             std::fs::remove_file(folder.path("first.blob")).unwrap();
         }
     }

@@ -328,6 +328,19 @@ impl Folder {
     }
 }
 
+/// Returns a model and its report, as an earlier calibration wrote them.
+pub fn earlier() -> (Vec<u8>, Vec<u8>) {
+    let folder = Folder::prepared("earlier", |folder| {
+        folder.write("train.csv", simulated("train", 30));
+        folder.write("test.csv", simulated("test1", 10));
+        let line = "train.csv --test test.csv --method base-tool --out old.blob --report old.html";
+        folder
+            .run(&format!("calibrate --robot {SERIAL} {line}"))
+            .ok();
+    });
+    (folder.read("old.blob"), folder.read("old.html"))
+}
+
 /// Returns a file of `tests/data`.
 pub fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -152,7 +152,7 @@ fn a_project_replaces_only_what_a_calibration_wrote() {
             .to_owned();
         let outputs = outputs.replace(&line, &format!("{key} = \"{name}\""));
         folder.write("other.toml", project(&outputs, ""));
-        folder.refuses("calibrate other.toml").said();
+        folder.refuses("calibrate other.toml");
         assert_eq!(folder.text(name), "{\"mine\": 1}");
     }
     folder.write("lines.toml", project(outputs, "operator = \"x\\ny\""));
