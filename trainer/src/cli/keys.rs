@@ -138,7 +138,6 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         return Err(InputError::new(out, found, "a file for each output").into());
     }
     output::check(out)?;
-    check_kind(out, Kind::Model)?;
     if let (Ok(canonical_out), Ok(key)) =
         (std::fs::canonicalize(out), std::fs::canonicalize(&a.key))
         && canonical_out == key
@@ -146,6 +145,7 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         let expected = "another file for the signed blob";
         return Err(InputError::new(out, "the key", expected).into());
     }
+    check_kind(out, Kind::Model)?;
     let there = std::fs::read(out).unwrap_or_default();
     let key = read_secret_key(&a.key)?;
     let loaded = BlobModel::read(&a.file)?;

@@ -89,6 +89,15 @@ fn format(a: &Correct) -> Result<Option<Format>, Failure> {
     }
 }
 
+/// Returns the paths of the outputs for a table of joint targets, after [`check_outputs`].
+fn outputs<'a>(a: &'a Correct, targets: &Path) -> Result<Vec<Option<&'a Path>>, Failure> {
+    let outputs = [
+        (Some(a.out.as_path()), Kind::Targets),
+        (a.json.as_deref(), Kind::Json),
+    ];
+    check_outputs(&outputs, &[&a.blob, targets])
+}
+
 fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     let of_programs = [
         a.inverse,
@@ -119,11 +128,7 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
             targets.display()
         )));
     }
-    let outputs = [
-        (Some(a.out.as_path()), Kind::Targets),
-        (a.json.as_deref(), Kind::Json),
-    ];
-    let outputs = check_outputs(&outputs, &[&a.blob, targets])?;
+    let outputs = outputs(a, targets)?;
     let loaded = BlobModel::read(&a.blob)?;
     let robot = inputs::robot_of(&loaded);
     let (columns, start, mut chunks) = TargetReader::open(targets)?.into_parts();
