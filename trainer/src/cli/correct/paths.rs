@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::cli::correct::args::Correct;
-use crate::cli::correct::record::record_path;
+use crate::cli::correct::record::{is_result, record_path};
 use crate::cli::output::Output;
 use crate::cli::output::kind::Kind;
 use crate::cli::terminal::print::is_stdout;
@@ -68,7 +68,9 @@ impl Paths {
     /// Returns all paths that are written without `--dry-run`.
     pub fn outputs<'a>(&'a self, a: &'a Correct) -> Vec<Output<'a>> {
         let results = self.files.iter().map(|(_, out)| out.as_path());
-        let mut outputs: Vec<Output<'_>> = results.map(|out| (Some(out), Kind::Program)).collect();
+        let mut outputs: Vec<Output<'_>> = results
+            .map(|out| (Some(out), Kind::Program(is_result)))
+            .collect();
         if !self.is_stream {
             let records = self.records.iter().map(PathBuf::as_path);
             outputs.extend(records.map(|path| (Some(path), Kind::Record)));

@@ -7,7 +7,6 @@ use poegp_calibration::input_error::InputError;
 use poegp_protocol::blob::envelope;
 use serde_json::Value;
 
-use crate::cli::correct::record;
 use crate::cli::failure::Failure;
 use crate::cli::output::paths::is_stream;
 use crate::signing::document;
@@ -50,7 +49,7 @@ const DOCUMENTS: [&[&str]; 27] = [
 ];
 
 /// The kind of a file that a command writes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// A model.
     Model,
@@ -68,8 +67,8 @@ pub enum Kind {
     Predictions,
     /// Corrected joint targets.
     Targets,
-    /// A corrected robot program; its record is beside it.
-    Program,
+    /// A corrected robot program, and whether the contents of a file at a path are what the record beside it says.
+    Program(fn(&Path, &[u8]) -> bool),
     /// The record of a corrected program.
     Record,
     /// Imported measurements or touches.
@@ -118,7 +117,7 @@ impl Kind {
             Self::ControllerCsv => "a table by `trainer calibrate --controller-csv`",
             Self::Predictions => "a table by `trainer evaluate --predictions`",
             Self::Targets => "a table of corrected targets by `trainer`",
-            Self::Program => "a program that is as `trainer correct` wrote it, with its record",
+            Self::Program(_) => "a program that is as `trainer correct` wrote it, with its record",
             Self::Record => "a record by `trainer correct`",
             Self::Imported => "a file by `trainer import`",
             Self::Simulated => "simulated measurements by `trainer`",
@@ -157,7 +156,7 @@ impl Kind {
             Self::ControllerCsv => begins("table,name,quantity,unit,before,after,difference,"),
             Self::Predictions => begins("x_mm,y_mm,z_mm,qw,qx,qy,qz,status"),
             Self::Targets => header(&head).is_some_and(|line| line.contains("position_error_um")),
-            Self::Program => record::is_result(path, there),
+            Self::Program(is_result) => is_result(path, there),
             Self::Record => object(there).is_some_and(|record| !record["result_sha256"].is_null()),
             Self::Imported => {
                 begins("# imported by trainer ") || begins("# imported socket touches\n")
@@ -196,7 +195,7 @@ impl Kind {
 /// # Errors
 /// [`InputError`] names the file.
 pub fn check_kind(path: &Path, kind: Kind) -> Result<(), Failure> {
-    if kind == Kind::FilledIn || is_stream(path) || !path.is_file() {
+    if matches!(kind, Kind::FilledIn) || is_stream(path) || !path.is_file() {
         return Ok(());
     }
     let expected = format!("a new file, an empty one, or {}", kind.what());
