@@ -10,7 +10,7 @@ use crate::trust::added_terms::AddedTerms;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
-use crate::trust::wording::{fits_equally, length, lines, three_digits};
+use crate::trust::wording::{ONE_SET_UP, fits_equally, length, lines, three_digits};
 
 /// Number of splits that are tried first.
 pub const SPLITS: usize = 25;
@@ -371,12 +371,19 @@ impl Hypotheses {
                      is warm, then measure",
                     length(drift.displacement)
                 ),
-                // A ramp from −½ to ½ has a root mean square of 1/√12.
-                _ => format!(
-                    "the measurements drift by {} from the first row to the last: the instrument or its stand moves, or the arm \
-                 warms up; reference points beside the robot and --correct-drift remove it",
-                    length(drift.displacement * 12.0_f64.sqrt())
-                ),
+                _ => {
+                    let cause = match drift.tier() {
+                        Tier::Refused => format!("the instrument or the robot's base moved; {ONE_SET_UP}"),
+                        _ => "the instrument or its stand moves, or the arm warms up; reference points beside the robot and \
+                            --correct-drift remove it"
+                            .to_owned(),
+                    };
+                    // A ramp from −½ to ½ has a root mean square of 1/√12.
+                    let whole = length(drift.displacement * 12.0_f64.sqrt());
+                    format!(
+                        "the measurements drift by {whole} from the first row to the last: {cause}"
+                    )
+                }
             };
             if as_good(step, drift) {
                 text += &format!(
@@ -385,7 +392,11 @@ impl Hypotheses {
                     step.part.name()
                 );
             }
-            return Some(drift.finding((Cause::Drift, Tier::Warning), text, needed, count));
+            let tier = match drift.part {
+                Part::Joints => Tier::Warning,
+                _ => drift.tier(),
+            };
+            return Some(drift.finding((Cause::Drift, tier), text, needed, count));
         }
         if step.drop <= needed {
             return None;

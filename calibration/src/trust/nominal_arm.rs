@@ -16,7 +16,7 @@ use crate::trust::joint_zero::{JointZero, joint_zero};
 use crate::trust::nominal_fit::{AS_GOOD, BETTER, Fit, MOST, REFUSED_ROTATION, spread};
 use crate::trust::numbers::frozen;
 use crate::trust::readings::{Data, Reading, readings};
-use crate::trust::wording::{fits_equally, length, lengths, lines};
+use crate::trust::wording::{ONE_SET_UP, fits_equally, length, lengths, lines};
 
 /// Ratio of the median position residual to the spread above which other readings are tried.
 const SUSPICIOUS_SPREAD: f64 = 0.012;
@@ -331,9 +331,10 @@ impl Scene<'_> {
         let reading = scene.other_reading(&own);
         match reading {
             Some(finding) => format!("; of those rows, {}", finding.text),
-            None => "; if the target was mounted several times, give each mounting a session of its own; if the instrument or \
-                the robot's base moved, calibrate from the rows of one base"
-                .to_owned(),
+            None => format!(
+                "; if the target was mounted several times, give each mounting a session of its own; if the instrument or the \
+                 robot's base moved, {ONE_SET_UP}"
+            ),
         }
     }
 

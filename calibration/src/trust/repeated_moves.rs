@@ -16,7 +16,7 @@ use poegp_protocol::cause::Cause;
 use crate::numeric::statistics::median;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
-use crate::trust::wording::length;
+use crate::trust::wording::{ONE_SET_UP, length};
 
 /// Correlation from which consecutive rows share an error: measured arms have at most 0.41, set-ups that were moved every 20
 /// to 50 rows at least 0.9.
@@ -53,13 +53,13 @@ pub fn examine(geometry: &Geometry) -> Option<Finding> {
     let (shared, what) = match base.correlation >= target.correlation {
         true => (
             base,
-            "the instrument or the robot's base moved repeatedly; calibrate from the rows of one set-up, or transform those of \
-            each by fixed points that were measured from all of them",
+            format!("the instrument or the robot's base moved repeatedly; {ONE_SET_UP}"),
         ),
         false => (
             target,
             "the target or its mounting moved repeatedly; name each mounting in a column session, or measure again with a firm \
-            target",
+            target"
+                .to_owned(),
         ),
     };
     let least = SHARED.max(CERTAIN / (3.0 * pairs.len() as f64).sqrt());

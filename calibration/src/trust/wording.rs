@@ -2,6 +2,10 @@
 
 use crate::input_error::some_of;
 
+/// What to do about rows of several set-ups of the instrument or the robot.
+pub const ONE_SET_UP: &str = "calibrate from the rows of one set-up, or transform those of each by fixed points that were \
+    measured from all of them";
+
 /// Formats position and rotation, for example "1.06 mm and 2.2 mrad", or only the position.
 pub fn lengths(metres: f64, radians: f64, with_rotation: bool) -> String {
     let position = length(metres);

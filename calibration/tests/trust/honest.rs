@@ -21,7 +21,7 @@ fn examined(csv: &str) -> Findings {
     examined_of(&robot(), csv)
 }
 
-fn examined_of(robot: &Robot, csv: &str) -> Findings {
+pub(crate) fn examined_of(robot: &Robot, csv: &str) -> Findings {
     let set = parse(Path::new("honest.csv"), csv.as_bytes()).unwrap();
     let samples = samples(&set, robot, &mut Vec::new()).unwrap();
     examine(robot, &set, &samples, Vector3::new(0.0, 0.0, -9.81), true)

@@ -14,6 +14,7 @@ mod honest;
 mod judge;
 mod mistakes;
 mod record;
+mod set_ups;
 mod sets;
 mod table;
 

@@ -1,0 +1,72 @@
+//! Three days in one file, each with a set-up of its own.
+
+use nalgebra::Vector3;
+use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
+use poegp_calibration::trust::{Findings, Tier};
+use poegp_runtime::math::se3::{Pose, Twist};
+
+use crate::honest::examined_of;
+
+const DAYS: usize = 3;
+
+/// Examines a file of three days with a session each. Every day, the instrument stands `apart` (m) from where it stood before,
+/// turned by a tenth of that in rad, and the target is mounted `remounted` (m) from where it was.
+fn examined(robot: &Robot, apart: f64, remounted: f64, seed: u64) -> Findings {
+    let mut simulator = Simulator::new(robot, Scenario::WithBacklash, &[1.0, 3.0], seed);
+    let mut poses = simulator.measure(60 * DAYS);
+    let day = |row: usize| row / 60;
+    for (row, SimulatedPose { measured, .. }) in poses.iter_mut().enumerate() {
+        let times = day(row) as f64;
+        let moved = Pose::exp(&Twist {
+            linear: Vector3::new(0.8, -0.6, 0.0) * (times * apart),
+            angular: Vector3::new(0.0, 0.1, 0.1) * (times * apart),
+        });
+        let mounted = Pose {
+            translation: Vector3::new(0.6, 0.0, 0.8) * (times * remounted),
+            ..Pose::identity()
+        };
+        *measured = moved * *measured * mounted;
+    }
+    let csv = to_csv(robot, &poses, false, "three days");
+    let mut row = 0;
+    let mut line = |line: &str| match line.chars().next() {
+        Some('#') => format!("{line}\n"),
+        Some('p') => format!("session,{line}\n"),
+        _ => {
+            row += 1;
+            format!("day{},{line}\n", day(row - 1))
+        }
+    };
+    let csv: String = csv.lines().map(&mut line).collect();
+    examined_of(robot, &csv)
+}
+
+/// An instrument that stood elsewhere every day is refused, by millimetres as by metres, and the advice is what to do about a
+/// base: a session has a tool of its own, and the base of all. Targets that were mounted anew need no more than their session.
+#[test]
+fn a_base_that_moved_every_day_is_refused() {
+    for (seed, name) in [
+        (1, "abb-irb4400-serial"),
+        (2, "abb-irb120"),
+        (3, "kuka-iiwa7"),
+    ] {
+        let robot = Robot::load(name, &LoadOptions::default()).unwrap();
+        for remounted in [0.0, 0.02] {
+            let findings = examined(&robot, 0.0, remounted, seed);
+            let alarms = findings.0.iter().filter(|f| f.tier != Tier::Note);
+            assert_eq!(alarms.count(), 0, "{name}, {remounted}: {:?}", findings.0);
+            for apart in [0.01, 0.05, 0.5] {
+                let findings = examined(&robot, apart, remounted, seed);
+                let texts: Vec<&str> = (findings.0.iter())
+                    .filter(|f| f.tier == Tier::Refused)
+                    .map(|f| f.text.as_str())
+                    .collect();
+                println!("{name}, {apart} m, remounted {remounted} m: {texts:?}");
+                assert!(findings.is_refused(), "{name}, {apart}: {:?}", findings.0);
+                let says_base = |text: &&str| text.contains("base");
+                assert!(texts.iter().any(says_base), "{name}, {apart}: {texts:?}");
+            }
+        }
+    }
+}
