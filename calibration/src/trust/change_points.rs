@@ -205,11 +205,16 @@ fn steps(geometry: &Geometry, splits: &[usize]) -> Vec<(usize, Vec<Change>)> {
     out
 }
 
-/// Finds consecutive rows that share a change of base or target: something was moved and later moved back.
-pub fn episode(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
+/// Finds consecutive rows that share a change of base or target: something was moved and later moved back. If the geometry
+/// explains most, these can only be all rows of a mounting: the instrument was set up with the target.
+pub fn episode(data: &Data<'_>, geometry: &Geometry, is_poor: bool) -> Option<Finding> {
     let count = geometry.samples.len();
     let parts = SPLITS.min(count / 4);
-    let bounds: Vec<usize> = (0..=parts).map(|i| i * count / parts.max(1)).collect();
+    let bounds: Vec<usize> = match is_poor {
+        true => (0..=parts).map(|i| i * count / parts.max(1)).collect(),
+        false => geometry.mountings(parts)?,
+    };
+    let parts = bounds.len() - 1;
     let parts_of_all: Vec<AddedTerms> = bounds
         .windows(2)
         .map(|w| sums(geometry, w[0]..w[1], |_| 1.0))

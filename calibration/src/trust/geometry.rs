@@ -252,6 +252,16 @@ impl Geometry {
         (layout.gravity, !layout.ripple.is_empty())
     }
 
+    /// Returns the rows at which the tool changes, with the first row and the end; `None` if it never changes, or more than
+    /// `most` times: then it is one of several targets.
+    pub fn mountings(&self, most: usize) -> Option<Vec<usize>> {
+        let count = self.samples.len();
+        let is_other = |k: &usize| self.samples[*k].tool != self.samples[k - 1].tool;
+        let changes: Vec<usize> = (1..count).filter(is_other).collect();
+        let is_some = (1..=most).contains(&changes.len());
+        is_some.then(|| [vec![0], changes, vec![count]].concat())
+    }
+
     /// Returns the number of equations of all rows.
     pub fn equations(&self) -> usize {
         self.samples.iter().map(|s| s.observation.equations()).sum()

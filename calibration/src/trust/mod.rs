@@ -240,7 +240,7 @@ impl Scene<'_> {
         let mut out: Vec<Finding> = suspects.iter().filter(is_certain).cloned().collect();
         let reach = data.robot.reach();
         let rest = residuals::examine(data, self.set, &geometry, alignment.position, reach);
-        // An episode is searched for only if the geometry explains little.
+        // Rows anywhere are searched for an episode only if the geometry explains little.
         let is_poor = geometry.position > POOR * alignment.position;
         // Payloads that were measured one after the other are no step.
         let geometry = payloads::with_terms_of_each_payload(geometry);
@@ -250,11 +250,8 @@ impl Scene<'_> {
             let fewer = fits.flatten().filter(move |fit| fit.terms() < terms);
             fewer.map(payloads::with_terms_of_each_payload)
         };
-        let step = change_points::examine(data, &geometry, fewer).or_else(|| {
-            is_poor
-                .then(|| change_points::episode(data, &geometry))
-                .flatten()
-        });
+        let step = change_points::examine(data, &geometry, fewer)
+            .or_else(|| change_points::episode(data, &geometry, is_poor));
         let mistake = linear_mistakes::examine(data, &alignment.base, &geometry);
         let mixed = rest.iter().find(|f| f.cause == Cause::Mixed);
         // Rows of joints in whole degrees are of two kinds, too.

@@ -3,27 +3,27 @@
 use nalgebra::Vector3;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
-use poegp_calibration::trust::{Findings, Tier};
+use poegp_calibration::trust::{Cause, Finding, Findings, Tier};
 use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::honest::examined_of;
 
 const DAYS: usize = 3;
 
-/// Examines a file of three days with a session each. Every day, the instrument stands `apart` (m) from where it stood before,
-/// turned by a tenth of that in rad, and the target is mounted `remounted` (m) from where it was.
-fn examined(robot: &Robot, apart: f64, remounted: f64, seed: u64) -> Findings {
+/// Examines a file of three days with a session each. Every day, the instrument stands `apart` (m) from a common point, turned by
+/// a tenth of that in rad, and the target is mounted `remounted` (m) from where it was.
+fn examined(robot: &Robot, apart: [f64; DAYS], remounted: f64, seed: u64) -> Findings {
     let mut simulator = Simulator::new(robot, Scenario::WithBacklash, &[1.0, 3.0], seed);
     let mut poses = simulator.measure(60 * DAYS);
     let day = |row: usize| row / 60;
     for (row, SimulatedPose { measured, .. }) in poses.iter_mut().enumerate() {
-        let times = day(row) as f64;
+        let apart = apart[day(row)];
         let moved = Pose::exp(&Twist {
-            linear: Vector3::new(0.8, -0.6, 0.0) * (times * apart),
-            angular: Vector3::new(0.0, 0.1, 0.1) * (times * apart),
+            linear: Vector3::new(0.8, -0.6, 0.0) * apart,
+            angular: Vector3::new(0.0, 0.1, 0.1) * apart,
         });
         let mounted = Pose {
-            translation: Vector3::new(0.6, 0.0, 0.8) * (times * remounted),
+            translation: Vector3::new(0.6, 0.0, 0.8) * (day(row) as f64 * remounted),
             ..Pose::identity()
         };
         *measured = moved * *measured * mounted;
@@ -53,11 +53,11 @@ fn a_base_that_moved_every_day_is_refused() {
     ] {
         let robot = Robot::load(name, &LoadOptions::default()).unwrap();
         for remounted in [0.0, 0.02] {
-            let findings = examined(&robot, 0.0, remounted, seed);
+            let findings = examined(&robot, [0.0; DAYS], remounted, seed);
             let alarms = findings.0.iter().filter(|f| f.tier != Tier::Note);
             assert_eq!(alarms.count(), 0, "{name}, {remounted}: {:?}", findings.0);
             for apart in [0.01, 0.05, 0.5] {
-                let findings = examined(&robot, apart, remounted, seed);
+                let findings = examined(&robot, [0.0, apart, 2.0 * apart], remounted, seed);
                 let texts: Vec<&str> = (findings.0.iter())
                     .filter(|f| f.tier == Tier::Refused)
                     .map(|f| f.text.as_str())
@@ -67,6 +67,29 @@ fn a_base_that_moved_every_day_is_refused() {
                 let says_base = |text: &&str| text.contains("base");
                 assert!(texts.iter().any(says_base), "{name}, {apart}: {texts:?}");
             }
+        }
+    }
+}
+
+/// An instrument that stood 0.3 mm elsewhere on one of three days, the middle one included, is named.
+#[test]
+fn a_base_that_moved_on_one_day_is_named() {
+    for (seed, name) in [
+        (4, "abb-irb4400-serial"),
+        (5, "abb-irb120"),
+        (6, "kuka-iiwa7"),
+    ] {
+        let robot = Robot::load(name, &LoadOptions::default()).unwrap();
+        for day in 0..DAYS {
+            let mut apart = [0.0; DAYS];
+            apart[day] = 0.3e-3;
+            let findings = examined(&robot, apart, 0.02, seed);
+            println!("{name}, day {day}: {:?}", findings.0);
+            let is_step = |f: &Finding| f.cause == Cause::Step && f.text.contains("(base) moved");
+            assert!(
+                findings.0.iter().any(is_step),
+                "{name}, {day}: {findings:?}"
+            );
         }
     }
 }
