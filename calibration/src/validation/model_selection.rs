@@ -18,7 +18,7 @@ use crate::measurement::shared_range::SharedRange;
 use crate::model::config::Config;
 use crate::model::{Method, rejected_gross_outliers};
 use crate::numeric::statistics::{MEAN_LENGTH, Summary};
-use crate::trust::{Finding, Tier};
+use crate::trust::{Finding, Tier, wording};
 use crate::validation::cross_validation::{CompareError, Task};
 use crate::validation::worst_payload::WorstPayload;
 
@@ -92,8 +92,8 @@ pub struct Choice {
     pub left_out: Vec<LeftOut>,
     /// The payload whose rows are worst predicted, if the others are predicted far better.
     pub worst_payload: Option<WorstPayload>,
-    /// Number of poses that no geometry explains, and that were neither learnt from nor held out.
-    pub unexplained: usize,
+    /// Indices of the rows that no geometry explains, and that were neither learnt from nor held out.
+    pub unexplained: Vec<usize>,
     /// Stated standard uncertainty of a measured position component, in mm, if every row has one.
     pub stated_mm: Option<f64>,
 }
@@ -132,11 +132,16 @@ fn select(
     is_named: bool,
     progress: &mut dyn FnMut(),
 ) -> Result<Choice, CompareError> {
-    let train = candidates.first().map(|first| judged(task, &first.config));
-    let train = train.unwrap_or_default();
+    let unexplained = candidates.first();
+    let unexplained = unexplained.map(|first| unexplained_rows(task, &first.config));
+    let unexplained = unexplained.unwrap_or_default();
+    let rows = task.train.iter().enumerate();
+    let train: Vec<InstrumentSample> = rows
+        .filter(|(row, _)| !unexplained.contains(row))
+        .map(|(_, sample)| sample.clone())
+        .collect();
     let groups = held_out_together(&train, &task.robot.kinds());
     let poses = groups.len();
-    let unexplained = task.train.len() - train.len();
     let task = &Task {
         train: &train,
         folds: folds(poses),
@@ -194,17 +199,15 @@ fn select(
     })
 }
 
-/// Returns the rows on which candidates are judged: all but the gross outliers. If these share a range of a joint, they are
-/// the arm's, and a model that does not describe them is off by as much there.
-fn judged(task: &Task<'_>, config: &Config) -> Vec<InstrumentSample> {
+/// Returns the rows on which no candidate is judged: the gross outliers. If these share a range of a joint, they are the arm's,
+/// and a model that does not describe them is off by as much there.
+fn unexplained_rows(task: &Task<'_>, config: &Config) -> Vec<usize> {
     let outliers = rejected_gross_outliers(task.robot, task.train, config);
     let joints: Vec<&[f64]> = task.train.iter().map(|s| s.joints.as_slice()).collect();
     if SharedRange::find(&joints, &outliers).is_some() {
-        return task.train.to_vec();
+        return Vec::new();
     }
-    let rows = task.train.iter().enumerate();
-    let kept = rows.filter(|(row, _)| !outliers.contains(row));
-    kept.map(|(_, sample)| sample.clone()).collect()
+    outliers
 }
 
 /// Candidates that could be cross-validated, and those that could not.
@@ -320,14 +323,25 @@ impl Choice {
         )
     }
 
+    /// Returns the finding that no geometry explains many of the rows.
+    fn many_unexplained(&self, lines: &[usize]) -> Option<Finding> {
+        let rows: Vec<usize> = self.unexplained.iter().map(|row| lines[*row]).collect();
+        let share = rows.len() as f64 / lines.len() as f64;
+        let text = format!(
+            "no geometry explains {} of {} rows ({}), which are left out: measure them again",
+            rows.len(),
+            lines.len(),
+            wording::lines(&rows)
+        );
+        let finding = Finding::new(Cause::Outlier, Tier::Warning, text, share, UNEXPLAINED);
+        (share > UNEXPLAINED).then(|| finding.of_rows(rows))
+    }
+
     /// Returns what is wrong with the choice: a simpler model is better on rows that were not trained on, many rows were left
-    /// out, or the nominal model is hardly worse.
-    pub fn findings(&self) -> Vec<Finding> {
-        let mut findings: Vec<Finding> = self
-            .worst_payload
-            .iter()
-            .map(WorstPayload::finding)
-            .collect();
+    /// out, or the nominal model is hardly worse. `lines` are those of the training rows.
+    pub fn findings(&self, lines: &[usize]) -> Vec<Finding> {
+        let of_payload = self.worst_payload.iter().map(WorstPayload::finding);
+        let mut findings: Vec<Finding> = of_payload.chain(self.many_unexplained(lines)).collect();
         let Some((rank, chosen)) = self.chosen() else {
             return findings;
         };
@@ -359,15 +373,6 @@ impl Choice {
                 poses as f64,
                 UNCERTAIN as f64,
             );
-        }
-        let share = self.unexplained as f64 / (poses + self.unexplained) as f64;
-        if share > UNEXPLAINED {
-            let text = format!(
-                "no geometry explains {} of {} rows, which are left out: measure them again",
-                self.unexplained,
-                poses + self.unexplained
-            );
-            add(Cause::Outlier, Tier::Warning, text, share, UNEXPLAINED);
         }
         let nominal_arm = self
             .table
@@ -428,7 +433,7 @@ mod tests {
             is_named: false,
             poses,
             held_out: poses,
-            unexplained,
+            unexplained: (0..unexplained).collect(),
             worst_payload: None,
             stated_mm: None,
             config: Config::default(),
@@ -440,10 +445,15 @@ mod tests {
         }
     }
 
+    /// Lines of a file with a header.
+    fn lines(rows: usize) -> Vec<usize> {
+        (2..2 + rows).collect()
+    }
+
     #[test]
     fn a_lack_of_gain_is_due_to_few_rows_or_to_rows_that_contradict_each_other() {
         for (poses, says) in [(30, "measure more poses"), (300, "contradict each other")] {
-            let findings = choice(poses, 0, 6.0, 5.9).findings();
+            let findings = choice(poses, 0, 6.0, 5.9).findings(&lines(poses));
             let [finding] = findings.as_slice() else {
                 panic!("{findings:?}");
             };
@@ -454,9 +464,10 @@ mod tests {
 
     #[test]
     fn many_rows_that_are_left_out_are_a_warning() {
-        assert!(choice(285, 15, 6.0, 0.1).findings().is_empty());
-        let findings = choice(240, 60, 6.0, 0.1).findings();
+        assert!(choice(285, 15, 6.0, 0.1).findings(&lines(300)).is_empty());
+        let findings = choice(240, 60, 6.0, 0.1).findings(&lines(300));
         assert_eq!(findings[0].cause, Cause::Outlier);
         assert!(findings[0].text.contains("60 of 300"), "{findings:?}");
+        assert_eq!(findings[0].rows, (2..62).collect::<Vec<usize>>());
     }
 }

@@ -132,7 +132,8 @@ fn row(set: &Set, count: usize, seed: u64) -> Option<String> {
         .unwrap();
     let simplest = errors[..own].iter().copied().fold(f64::INFINITY, f64::min);
     let ratio = if own > 0 { errors[own] / simplest } else { 1.0 };
-    let findings = choice.findings();
+    let findings =
+        choice.findings(&(0..choice.held_out + choice.unexplained.len()).collect::<Vec<_>>());
     let has = |cause, tier| findings.iter().any(|f| f.cause == cause && f.tier == tier);
     let warned = has(Cause::Model, Tier::Warning) || has(Cause::Gain, Tier::Refused);
     let expected = choice

@@ -145,7 +145,10 @@ fn a_damaged_range_of_a_joint_counts_in_the_expected_error() {
              1.5 of it)",
             chosen.position_mm.mean, truth.mean, chosen.position_mm.p95, truth.p95
         ));
-        assert_eq!((choice.held_out, choice.unexplained), (train.len(), 0));
+        assert_eq!(
+            (choice.held_out, choice.unexplained.len()),
+            (train.len(), 0)
+        );
         assert!(ratios.iter().all(|r| within.contains(r)), "{ratios:?}");
     }
 }

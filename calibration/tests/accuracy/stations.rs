@@ -125,7 +125,7 @@ fn a_payload_of_few_rows_is_learnt_from_or_named() {
             choice.worst_payload.is_some()
         ));
         // A single row may be one; several are what the payload does.
-        assert!(choice.unexplained <= 1, "{}", choice.unexplained);
+        assert!(choice.unexplained.len() <= 1, "{:?}", choice.unexplained);
         assert!(ratio < 4.0 || choice.worst_payload.is_some(), "{ratio}");
     }
 }

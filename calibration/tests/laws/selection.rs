@@ -103,8 +103,9 @@ fn copies_of_all_rows_choose_as_the_rows_do() {
         );
     }
     let causes = |choice: &Choice| {
+        let lines: Vec<usize> = (0..choice.held_out).collect();
         choice
-            .findings()
+            .findings(&lines)
             .iter()
             .map(|f| f.cause)
             .collect::<Vec<_>>()

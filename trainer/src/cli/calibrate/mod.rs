@@ -101,7 +101,10 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     held_out::check(a, samples, config.method, arm.robot.joints.len())?;
     let mut origin = measured.origin(a);
     let choice = choose_model(a, arm, samples, &config, &origin)?;
-    let findings = findings_of_choice(choice.as_ref(), samples, config.method);
+    let mut findings = findings_of_choice(choice.as_ref(), &measured, config.method);
+    findings
+        .0
+        .retain(|found| !warnings.iter().any(|named| found.is_named_by(named)));
     if let Some(choice) = &choice {
         config = choice.config;
     }
@@ -162,11 +165,8 @@ fn refuse_options_of_touches(a: &Job) -> Result<(), Failure> {
 
 /// Notes which candidates could not be compared, and returns what the choice says about the measurements; without a choice,
 /// whether they are too few for one. `method` is that before the choice.
-fn findings_of_choice(
-    choice: Option<&Choice>,
-    samples: &[InstrumentSample],
-    method: Method,
-) -> Findings {
+fn findings_of_choice(choice: Option<&Choice>, measured: &Measured, method: Method) -> Findings {
+    let samples = measured.samples.as_slice();
     let mut findings = Findings::default();
     match choice {
         Some(choice) => {
@@ -176,7 +176,9 @@ fn findings_of_choice(
                     out.candidate, out.reason
                 ));
             }
-            findings.0.extend(choice.findings());
+            let rows = measured.set.measurements.iter();
+            let lines: Vec<usize> = rows.map(|row| row.line).collect();
+            findings.0.extend(choice.findings(&lines));
         }
         // A method that these data do not allow fails with an error of its own.
         None if method != Method::BaseTool && applicable(samples).contains(&method) => {
