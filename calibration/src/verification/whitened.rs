@@ -156,15 +156,17 @@ impl Round {
                 .ok_or(CheckError::Unsolvable)?,
             None => arm.scatter_of_joints(&at),
         };
+        let square = |root: &Mat<f64>| match unknown {
+            Some(_) => product(root, Transposed(root)),
+            None => square_of_poses(root),
+        };
         Ok(Self {
+            components: roots.iter().map(square).collect(),
             scales,
             y: placed.residuals(scales),
             all: hypotheses(arm, &at, samples, payload),
             unknown,
             fixed,
-            components: (roots.iter())
-                .map(|root| product(root, Transposed(root)))
-                .collect(),
             roots,
             stated: at.common_share.iter().map(|share| 1.0 - share).collect(),
             kind: kinds(samples),
@@ -285,6 +287,18 @@ impl Round {
             unknown: self.unknown.take(),
         }
     }
+}
+
+/// Returns B Bᵀ where each pose has a column of its own in B.
+fn square_of_poses(root: &Mat<f64>) -> Mat<f64> {
+    let mut out = Mat::zeros(root.nrows(), root.nrows());
+    for pose in 0..root.ncols() {
+        let own = root.view((ROWS * pose, pose), (ROWS, 1));
+        let square = own * own.transpose();
+        out.view_mut((ROWS * pose, ROWS * pose), (ROWS, ROWS))
+            .copy_from(&square);
+    }
+    out
 }
 
 /// Returns a root of the covariance of the noise of one kind, of unit size.
