@@ -370,25 +370,28 @@ impl Hypotheses {
             && drift.drop > step.drop
             && drift.drop > needed
         {
-            let mut text = match drift.part {
-                Part::Joints => format!(
+            let tier = match drift.part {
+                Part::Joints => Tier::Warning,
+                _ => drift.tier(),
+            };
+            // A ramp from −½ to ½ has a root mean square of 1/√12.
+            let whole = || length(drift.displacement * 12.0_f64.sqrt());
+            let mut text = match (drift.part, tier) {
+                (Part::Joints, _) => format!(
                     "the measurements drift by {} and settle: the arm warmed up while it was measured; run it until it \
                      is warm, then measure",
                     length(drift.displacement)
                 ),
-                _ => {
-                    let cause = match drift.tier() {
-                        Tier::Refused => format!("the instrument or the robot's base moved; {ONE_SET_UP}"),
-                        _ => "the instrument or its stand moves, or the arm warms up; reference points beside the robot and \
-                            --correct-drift remove it"
-                            .to_owned(),
-                    };
-                    // A ramp from −½ to ½ has a root mean square of 1/√12.
-                    let whole = length(drift.displacement * 12.0_f64.sqrt());
-                    format!(
-                        "the measurements drift by {whole} from the first row to the last: {cause}"
-                    )
-                }
+                (_, Tier::Refused) => format!(
+                    "the measurements drift by {} from the first row to the last: the instrument or the robot's base moved; \
+                     {ONE_SET_UP}",
+                    whole()
+                ),
+                _ => format!(
+                    "the measurements drift by {} from the first row to the last: the instrument or its stand moves, or the arm \
+                     warms up; reference points beside the robot and --correct-drift remove it",
+                    whole()
+                ),
             };
             if as_good(step, drift) {
                 text += &format!(
@@ -397,10 +400,6 @@ impl Hypotheses {
                     step.part.name()
                 );
             }
-            let tier = match drift.part {
-                Part::Joints => Tier::Warning,
-                _ => drift.tier(),
-            };
             return Some(drift.finding((Cause::Drift, tier), text, needed, count));
         }
         if step.drop <= needed {

@@ -43,7 +43,7 @@ const CONTRADICTORY_MM: f64 = 1.0;
 /// Number of poses from which on a mean held-out error above the second number, in mm, and above the third times that of the
 /// stated noise, is more than good rows show. Public sets of six arms have at most 0.29 mm.
 const SCATTERED: (usize, f64, f64) = (60, 0.5, 2.0);
-/// Share of the poses that may be left out without a warning.
+/// Share of the rows that may be left out without a warning.
 const UNEXPLAINED: f64 = 0.05;
 
 /// Returns how many standard errors a simpler model may be behind the best.

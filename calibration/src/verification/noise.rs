@@ -195,20 +195,15 @@ impl Parts<'_> {
 fn extrapolated([first, second, third]: [&Factors; 3], least: [f64; 2]) -> Factors {
     let logs = |factors: &Factors| factors.all().map(libm::log).collect::<Vec<f64>>();
     let (a, b, c) = (logs(first), logs(second), logs(third));
-    let (mut rr, mut vv) = (0.0, 0.0);
-    for i in 0..a.len() {
-        rr += (b[i] - a[i]).powi(2);
-        vv += (c[i] - 2.0 * b[i] + a[i]).powi(2);
-    }
+    let r: Vec<f64> = (0..a.len()).map(|i| b[i] - a[i]).collect();
+    let v: Vec<f64> = (0..a.len()).map(|i| c[i] - 2.0 * b[i] + a[i]).collect();
+    let square = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
     // The third factors themselves are reached by 1.
-    let by = match vv > 0.0 {
-        true => libm::sqrt(rr / vv).clamp(1.0, FARTHEST),
+    let by = match square(&v) > 0.0 {
+        true => libm::sqrt(square(&r) / square(&v)).clamp(1.0, FARTHEST),
         false => 1.0,
     };
-    let of = |i: usize, least: f64| {
-        let (r, v) = (b[i] - a[i], c[i] - 2.0 * b[i] + a[i]);
-        libm::exp(a[i] + 2.0 * by * r + by * by * v).max(least)
-    };
+    let of = |i: usize, least: f64| libm::exp(a[i] + 2.0 * by * r[i] + by * by * v[i]).max(least);
     Factors {
         noise: [of(0, least[0]), of(1, least[1])],
         components: (2..a.len()).map(|i| of(i, NOTHING)).collect(),

@@ -42,16 +42,20 @@ fn examined(robot: &Robot, apart: [f64; DAYS], remounted: f64, seed: u64) -> Fin
     examined_of(robot, &csv)
 }
 
-/// An instrument that stood elsewhere every day is refused, by millimetres as by metres, and the advice is what to do about a
-/// base: a session has a tool of its own, and the base of all. Targets that were mounted anew need no more than their session.
+/// Returns arms with their names and seeds, which begin with `first`.
+fn arms(first: u64) -> impl Iterator<Item = (u64, &'static str, Robot)> {
+    let names = ["abb-irb4400-serial", "abb-irb120", "kuka-iiwa7"];
+    (first..).zip(names).map(|(seed, name)| {
+        let robot = Robot::load(name, &LoadOptions::default()).unwrap();
+        (seed, name, robot)
+    })
+}
+
+/// An instrument that stood elsewhere every day, by centimetres or by half a metre, is refused with advice on a base: a session
+/// has its own tool, but the base of all. A target that was mounted again needs no more than its session.
 #[test]
 fn a_base_that_moved_every_day_is_refused() {
-    for (seed, name) in [
-        (1, "abb-irb4400-serial"),
-        (2, "abb-irb120"),
-        (3, "kuka-iiwa7"),
-    ] {
-        let robot = Robot::load(name, &LoadOptions::default()).unwrap();
+    for (seed, name, robot) in arms(1) {
         for remounted in [0.0, 0.02] {
             let findings = examined(&robot, [0.0; DAYS], remounted, seed);
             let alarms = findings.0.iter().filter(|f| f.tier != Tier::Note);
@@ -74,12 +78,7 @@ fn a_base_that_moved_every_day_is_refused() {
 /// An instrument that stood 0.3 mm elsewhere on one of three days, the middle one included, is named.
 #[test]
 fn a_base_that_moved_on_one_day_is_named() {
-    for (seed, name) in [
-        (4, "abb-irb4400-serial"),
-        (5, "abb-irb120"),
-        (6, "kuka-iiwa7"),
-    ] {
-        let robot = Robot::load(name, &LoadOptions::default()).unwrap();
+    for (seed, name, robot) in arms(4) {
         for day in 0..DAYS {
             let mut apart = [0.0; DAYS];
             apart[day] = 0.3e-3;

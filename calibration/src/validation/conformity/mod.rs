@@ -1,8 +1,8 @@
 //! Whether an arm conforms to a tolerance, and how certain that verdict is.
 //!
 //! The characteristic is the error E that 95 of 100 poses of the measured kind do not exceed, in position or in rotation. It
-//! is estimated from the errors of held-out poses, without the noise that the instrument states ([`error_quantile`]). Its uncertainty
-//! follows the GUM (JCGM 100:2008): each source of uncertainty has a standard uncertainty ([`budget`]), and these combine to
+//! is estimated from the errors of held-out poses, without the noise that the instrument states ([`error_quantile`]). Its
+//! uncertainty follows the GUM (JCGM 100:2008): each source has a standard uncertainty ([`budget`]), and these combine to
 //!
 //! ```text
 //! u_c² = Σ u_i²        ν = u_c⁴ / Σ (u_i⁴ / ν_i)        U = t_(1+p)/2(ν) u_c

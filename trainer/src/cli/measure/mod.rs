@@ -88,13 +88,8 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
     if let Origin::File(path) = &a.from {
         inputs.push(path);
     }
-    check_outputs(
-        &[
-            (Some(&a.out), Kind::Rows),
-            (a.json.as_deref(), Kind::Dialogue),
-        ],
-        &inputs,
-    )?;
+    let rows = (Some(a.out.as_path()), Kind::Rows);
+    check_outputs(&[rows, (a.json.as_deref(), Kind::Dialogue)], &inputs)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let planned = Planned::read(&a.plan, a.features.as_deref(), a.positions, &arm)?;
     let mut lines = Lines::open(&a.from)?;
