@@ -328,7 +328,7 @@ impl Choice {
         let rows: Vec<usize> = self.unexplained.iter().map(|row| lines[*row]).collect();
         let share = rows.len() as f64 / lines.len() as f64;
         let text = format!(
-            "no geometry explains {} of {} rows ({}), which are left out: measure them again",
+            "no geometry explains {} of {} rows ({}), which are left out",
             rows.len(),
             lines.len(),
             wording::lines(&rows)
