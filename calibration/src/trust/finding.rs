@@ -61,11 +61,13 @@ impl Finding {
         Self { rows, ..self }
     }
 
-    /// Returns whether `other` names the same cause in at least half of the rows.
+    /// Returns whether `other` names the same cause, or a cause of outliers, in at least half of the rows.
     pub fn is_named_by(&self, other: &Self) -> bool {
         let named = self.rows.iter().filter(|row| other.rows.contains(row));
         let named = named.count();
-        other.cause == self.cause && named > 0 && 2 * named >= self.rows.len()
+        let is_same = other.cause == self.cause
+            || (self.cause == Cause::Outlier && other.cause == Cause::Lag);
+        is_same && named > 0 && 2 * named >= self.rows.len()
     }
 
     /// Returns whether the finding concerns values that no instrument measured: they must not be used to judge a model,

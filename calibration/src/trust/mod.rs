@@ -26,6 +26,7 @@ mod residuals;
 #[cfg(test)]
 mod tests;
 mod two_arms;
+mod unsettled;
 pub(crate) mod wording;
 
 use std::collections::HashSet;
@@ -196,7 +197,12 @@ pub fn examine(
         let is_explained = |f: &Finding| {
             matches!(
                 f.cause,
-                Cause::Outlier | Cause::Step | Cause::Drift | Cause::Mixed | Cause::Offset
+                Cause::Outlier
+                    | Cause::Lag
+                    | Cause::Step
+                    | Cause::Drift
+                    | Cause::Mixed
+                    | Cause::Offset
             )
         };
         if !is_refused

@@ -16,6 +16,7 @@ use crate::trust::joint_zero::{JointZero, joint_zero};
 use crate::trust::nominal_fit::{AS_GOOD, BETTER, Fit, MOST, REFUSED_ROTATION, spread};
 use crate::trust::numbers::frozen;
 use crate::trust::readings::{Data, Reading, readings};
+use crate::trust::unsettled;
 use crate::trust::wording::{ONE_SET_UP, fits_equally, length, lengths, lines};
 
 /// Ratio of the median position residual to the spread above which other readings are tried.
@@ -295,11 +296,36 @@ impl Scene<'_> {
         );
         let samples =
             |which: &[usize]| -> Vec<_> { which.iter().map(|k| self.data.samples[*k]).collect() };
-        if others.len() >= LEAST_ROWS {
+        let along_moves = self.along_moves(&fit.alignment, &others);
+        let cause = match along_moves.is_some() {
+            true => Cause::Lag,
+            false => Cause::Mixed,
+        };
+        if let Some(what) = along_moves {
+            text += &format!("; {what}");
+        } else if others.len() >= LEAST_ROWS {
             text += &self.of_others(&fit, &others);
             text += &frozen(self.data.robot, &samples(&others), &samples(&best));
         }
-        Some(refused(Cause::Mixed, text, share, NEARLY_ALL).of_rows(of_others))
+        Some(refused(cause, text, share, NEARLY_ALL).of_rows(of_others))
+    }
+
+    /// Says that the rows `others`, which do not agree with `alignment`, were read before the robot stood still.
+    fn along_moves(&self, alignment: &Alignment, others: &[usize]) -> Option<String> {
+        let predicted = |tool: usize, joints: &[f64]| {
+            (self.data.chain.forward(joints) * alignment.tools[tool]).translation
+        };
+        let is_fitted = |k: &usize| self.rows[*k].tool < alignment.tools.len();
+        let others: Vec<usize> = others.iter().copied().filter(is_fitted).collect();
+        let error = |k: usize| {
+            let seen = self.rows[k].seen.position();
+            let own = predicted(
+                self.rows[k].tool,
+                &self.data.robot.serial_joints(&self.data.samples[k].joints),
+            );
+            alignment.base.inverse().transform_point(&seen) - own
+        };
+        unsettled::describe(self.data, &others, predicted, error)
     }
 
     /// Describes what explains the rows that do not agree with the others.

@@ -1,6 +1,7 @@
 //! Examines the residuals of the geometry: rows that do not belong, a scatter that neither the digits nor the stated
 //! uncertainty explain, links that differ from the nominal model.
 
+use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::cause::Cause;
 
@@ -17,6 +18,7 @@ use crate::trust::mixture;
 use crate::trust::payloads;
 use crate::trust::ratio;
 use crate::trust::readings::Data;
+use crate::trust::unsettled;
 use crate::trust::wording::{length, lengths, lines, three_digits};
 
 /// Residual of a row per equation, in standard deviations, above which the row does not belong.
@@ -199,9 +201,27 @@ impl Scene<'_> {
                 "; nearly all of them carry {payload} kg: measure more rows with it, and check payload_kg"
             );
         }
+        let along_moves = self.along_moves(&off);
+        let cause = match along_moves.is_some() {
+            true => Cause::Lag,
+            false => Cause::Outlier,
+        };
+        text.extend(along_moves.map(|what| format!("; {what}")));
         let share = off.len() as f64 / count as f64;
         let tier = Tier::refused_if(share > MANY);
-        Some(Finding::new(Cause::Outlier, tier, text, worst, least).of_rows(rows))
+        Some(Finding::new(cause, tier, text, worst, least).of_rows(rows))
+    }
+
+    /// Says that the rows `off` were read before the robot stood still.
+    fn along_moves(&self, off: &[usize]) -> Option<String> {
+        let g = self.geometry;
+        let predicted =
+            |tool: usize, joints: &[f64]| g.state.chain(tool).forward(joints).translation;
+        let error = |k: usize| {
+            let [x, y, z, ..] = g.residuals[k];
+            g.scales.position * Vector3::new(x, y, z)
+        };
+        unsettled::describe(self.data, off, predicted, error)
     }
 
     /// Says that `range` has this share of the outliers, and what that means.

@@ -2,6 +2,8 @@
 
 use nalgebra::{Rotation3, Vector3};
 use poegp_protocol::cause::Cause;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use super::{examined, read, table_of};
 use crate::identification::base_tools::fit_base_and_tools;
@@ -119,6 +121,57 @@ fn a_mistake_in_proportion_is_named_with_its_size() {
                 .unwrap_or_else(|_| panic!("{name}: {finding:?}"));
             assert!((found / size.1 - 1.0).abs() < 0.1, "{name}: {finding:?}");
         }
+    }
+}
+
+/// A wait that is too short for some moves puts rows off along these moves only, each by a share of its own.
+#[test]
+fn rows_that_were_read_too_early_among_others_are_named() {
+    let mut numbers = ChaCha8Rng::seed_from_u64(7);
+    let ways = [
+        (
+            false,
+            1.0,
+            "further back along the move from the row before",
+        ),
+        (false, -1.0, "% further along the move from the row before"),
+        (true, 1.0, "% further along the move to the row after"),
+    ];
+    for (scenario, every, size) in [
+        (Scenario::Paper, 3, 0.01),
+        (Scenario::Paper, 12, 0.002),
+        (Scenario::Nonlinear, 4, 0.04),
+        (Scenario::PaperFullRange, 5, 0.01),
+    ] {
+        let good = measured(scenario, 120, 5);
+        for (is_after, sign, what) in ways {
+            let mut poses = good.clone();
+            let off: Vec<usize> = (every..119).step_by(every).collect();
+            for k in &off {
+                let other = &good[if is_after { k + 1 } else { k - 1 }].joints;
+                let share = sign * size * (0.5 + numbers.random::<f64>());
+                // The arm stood where it was measured, and the joints of the row are others.
+                let joints = poses[*k].joints.iter_mut().zip(other);
+                joints.for_each(|(q, to)| *q = (*q - share * to) / (1.0 - share));
+            }
+            let findings = examine(&poses);
+            let [finding] = findings.0.as_slice() else {
+                panic!("{what}: {findings:?}");
+            };
+            assert_eq!(finding.cause, Cause::Lag, "{what}: {finding:?}");
+            assert!(finding.text.contains(what), "{what}: {finding:?}");
+            assert!(finding.rows.len() <= off.len(), "{finding:?}");
+        }
+        // Rows that are as far off in any direction were not.
+        let mut poses = good.clone();
+        for pose in poses.iter_mut().step_by(every) {
+            let by = Vector3::from_fn(|_, _| numbers.random::<f64>() - 0.5);
+            pose.measured.translation += 20e-3 * by.normalize();
+        }
+        let findings = examine(&poses);
+        assert!(!findings.0.is_empty(), "{scenario:?}");
+        let is_lag = |f: &Finding| f.cause == Cause::Lag;
+        assert!(!findings.0.iter().any(is_lag), "{findings:?}");
     }
 }
 

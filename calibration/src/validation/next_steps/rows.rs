@@ -44,7 +44,8 @@ fn remedy(cause: Cause) -> Option<&'static str> {
              session of its own"
         }
         Cause::Outlier => "Measure these rows again",
-        Cause::Rows | Cause::Lag => "Measure these rows again, or remove them",
+        Cause::Rows => "Measure these rows again, or remove them",
+        Cause::Lag => "Measure these rows again with the robot at rest, or remove them",
         Cause::Stuck | Cause::Placeholder | Cause::Clip | Cause::Copies => "Remove these rows",
         Cause::Time => "Give the file a column with the time of each row",
         Cause::Payload => "Measure the same poses with and without the payload",
