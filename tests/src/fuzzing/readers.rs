@@ -169,7 +169,7 @@ fn run_import(text: &str, raws: &[Vec<u8>]) {
         Ok(map) => map,
     };
     let names: Vec<PathBuf> = RAWS[..raws.len()].iter().map(PathBuf::from).collect();
-    match import_bytes(&names, raws, &map) {
+    match import_bytes(&names, raws, &[&map], false) {
         Ok(imported) => {
             let set = measurement_files::parse("imported.csv", imported.csv.as_bytes());
             let set = set.expect("what was imported");
@@ -207,21 +207,22 @@ pub fn preset(bytes: &[u8]) {
         .zip(raws.iter().map(Vec::as_slice))
         .collect();
     for preset in PRESETS {
-        match preset.map(&files) {
+        match preset.maps(&files) {
             Err(error) => assert_refusal(&error, &named),
-            Ok((map, doubt)) => {
-                if let Err(error) = Map::parse(Path::new(MAP), &map) {
-                    panic!("{error}\n{map}");
-                }
-                run_import(&map, &raws);
-                if let Some(error) = doubt {
-                    assert_refusal(&error, &named);
+            Ok(maps) => {
+                let parsed = |(map, _): &(String, _)| {
+                    Map::parse(Path::new(MAP), map).unwrap_or_else(|e| panic!("{e}\n{map}"))
+                };
+                maps.iter().for_each(|map| drop(parsed(map)));
+                run_import(&maps[0].0, &raws);
+                for error in maps.iter().filter_map(|(_, doubt)| doubt.as_ref()) {
+                    assert_refusal(error, &named);
                 }
             }
         }
     }
     let chosen = Preset::matching(files[0].0, files[0].1);
-    assert!(chosen.is_none_or(|preset| preset.map(&files[..1]).is_ok()));
+    assert!(chosen.is_none_or(|preset| preset.maps(&files[..1]).is_ok()));
 }
 
 /// Reads a URDF.

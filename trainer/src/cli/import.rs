@@ -25,14 +25,15 @@ const SHOWN: usize = 3;
     after_help = "A column map states the meaning and the unit of each column. A preset is a map for a known file; without --map and \
     --preset, the preset whose columns are all in the header is used, if there is exactly one.\n\n\
     Examples:\n  trainer import log.csv --preset kuka --out measured.csv\n  \
+    trainer import monday.csv tuesday.csv --session-per-file --out measured.csv\n  \
     trainer import points.txt joints.csv --preset spatial-analyzer --out measured.csv\n  \
     trainer import tracker.txt --map map.toml --out measured.csv\n  \
     trainer import data/panda --preset mukca --distance 50 --out touches.csv"
 )]
 pub struct Import {
-    /// Measurements; if the joints are in a second file, first the poses or points, then the joints. With the
-    /// preset mukca, a folder.
-    #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
+    /// Measurements: one file, or several of one campaign in the order of time. If the joints are in a second
+    /// file, first the poses or points, then the joints. With the preset mukca, a folder.
+    #[arg(required = true, num_args = 1.., value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Column map (TOML).
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
@@ -46,6 +47,9 @@ pub struct Import {
     /// Write the map that was used, as the start of a map of your own.
     #[arg(long, value_name = "FILE", conflicts_with = "map")]
     pub write_map: Option<PathBuf>,
+    /// Give the rows of each file a session with the name of the file: the target was mounted again for each.
+    #[arg(long)]
+    pub session_per_file: bool,
     /// Measurement file to write (`-`: standard output); for touches also the features, NAME.toml beside
     /// NAME.csv.
     #[arg(long, value_name = "FILE")]
@@ -101,6 +105,12 @@ fn run_sockets(a: &Import) -> Result<(), Failure> {
         return Err(Failure::Usage(format!(
             "found --map or --write-map with a folder, expected --preset {SOCKETS} alone: it has no map of columns"
         )));
+    }
+    if a.session_per_file {
+        return Err(Failure::Usage(
+            "--session-per-file: expected with files of measurements, found a folder of touches"
+                .to_owned(),
+        ));
     }
     let features = match is_stdout(&a.out) {
         true => {
@@ -179,8 +189,8 @@ pub fn run(a: &Import) -> Result<(), Failure> {
     };
     let map = a.map.as_deref().map(Map::read).transpose()?;
     let bytes = a.files.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let (map, text, doubt) = match map {
-        Some(map) => (map, String::new(), None),
+    let (maps, text, doubt) = match map {
+        Some(map) => (vec![map], String::new(), None),
         None => {
             let preset = match chosen {
                 Some(preset) => preset,
@@ -192,19 +202,25 @@ pub fn run(a: &Import) -> Result<(), Failure> {
                 .zip(&bytes)
                 .map(|(path, bytes)| (path.as_path(), bytes.as_slice()))
                 .collect();
-            let (text, doubt) = preset.map(&files)?;
+            let (texts, doubts): (Vec<_>, Vec<_>) = preset.maps(&files)?.into_iter().unzip();
             let path = a
                 .write_map
                 .clone()
                 .unwrap_or_else(|| format!("<preset {}>", preset.name).into());
-            (Map::parse(&path, &text)?, text, doubt)
+            let maps = texts.iter().map(|text| Map::parse(&path, text));
+            let maps = maps.collect::<Result<Vec<_>, _>>()?;
+            let first = texts.into_iter().next().unwrap_or_default();
+            (maps, first, doubts.into_iter().flatten().next())
         }
     };
     let written = a.write_map.as_deref().map(|path| (path, text.as_bytes()));
     check_not_filled_in(written.as_slice())?;
     let imported = match doubt {
         Some(error) => Err(error),
-        None => import_bytes(&a.files, &bytes, &map),
+        None => {
+            let maps: Vec<&Map> = maps.iter().collect();
+            import_bytes(&a.files, &bytes, &maps, a.session_per_file)
+        }
     };
     // The map of a preset that does not fit is the start of one that does.
     if imported.is_err() {
@@ -232,10 +248,13 @@ pub fn run(a: &Import) -> Result<(), Failure> {
 
 /// Finds the one preset that fits the header, and prints it.
 fn matching(files: &[PathBuf], bytes: &[Vec<u8>]) -> Result<Preset, InputError> {
-    let preset = match (files, bytes) {
-        ([file], [bytes]) => Preset::matching(file, bytes),
-        _ => None,
-    };
+    let mut presets = files
+        .iter()
+        .zip(bytes)
+        .map(|(file, bytes)| Preset::matching(file, bytes));
+    let first = presets.next().flatten();
+    let is_same = |other: Option<Preset>| other.map(|preset| preset.name) == first.map(|p| p.name);
+    let preset = first.filter(|_| presets.all(is_same));
     match preset {
         Some(preset) => {
             note(format_args!("preset `{}`: {}", preset.name, preset.about()));

@@ -14,6 +14,7 @@
 //! measurement give the same rows to the last character as long as the raw file has enough digits.
 
 mod beside;
+mod campaign;
 pub mod column_map;
 mod columns;
 mod join;
@@ -36,7 +37,9 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
+use crate::import::campaign::Part;
 use crate::import::column_map::{Join, JoinBy, Layout, Map};
+use crate::import::origin::ReadRows;
 use crate::import::text::Table;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
@@ -54,7 +57,8 @@ pub struct Imported {
     pub notes: Vec<String>,
 }
 
-/// Imports `raws` as `map` says: one file of rows; or two files, first the points or poses, then the joints.
+/// Imports `raws` as `map` says: files of rows, one or several of one campaign; or two files, first the points or poses, then
+/// the joints.
 ///
 /// # Errors
 /// [`InputError`] names file, line and column of the first thing that is not as the map says.
@@ -67,18 +71,85 @@ pub fn import(raws: &[PathBuf], map: &Map) -> Result<Imported, InputError> {
         .iter()
         .map(|path| read(path))
         .collect::<Result<Vec<_>, _>>()?;
-    import_bytes(raws, &bytes, map)
+    import_bytes(raws, &bytes, &[map], false)
 }
 
-/// Imports files whose contents are `bytes`; `raws` are their names.
+/// Imports files whose contents are `bytes`; `raws` are their names. Each file has a map of its own, or that of the last in
+/// `maps`. `is_session_per_file` gives the rows of each file a
+/// session with the file's name.
 ///
 /// # Errors
 /// See [`import`].
 pub fn import_bytes(
     raws: &[PathBuf],
     bytes: &[Vec<u8>],
-    map: &Map,
+    maps: &[&Map],
+    is_session_per_file: bool,
 ) -> Result<Imported, InputError> {
+    let map = maps[0];
+    // Files that belong together, row by row.
+    let files_of_a_part = match map.points.is_some() || map.join.is_some() {
+        true => 2,
+        false => 1,
+    };
+    if raws.is_empty() || raws.len() < files_of_a_part || (files_of_a_part > 1 && raws.len() > 2) {
+        let expected = match files_of_a_part {
+            1 => "one or more, as the map has neither [points] nor [join]",
+            _ => "two, the points or poses and then the joints, as the map has [points] or [join]",
+        };
+        let found = match raws.len() {
+            1 => "1 file to import".to_owned(),
+            count => format!("{count} files to import"),
+        };
+        return Err(InputError::new(&map.path, found, expected));
+    }
+    let sources: Vec<String> = raws
+        .iter()
+        .zip(bytes)
+        .map(|(path, bytes)| source(path, bytes))
+        .collect();
+    let (mut parts, mut notes) = (Vec::new(), Vec::new());
+    let groups = raws
+        .chunks(files_of_a_part)
+        .zip(bytes.chunks(files_of_a_part));
+    for (k, (raws, bytes)) in groups.enumerate() {
+        let map = maps[k.min(maps.len() - 1)];
+        let (rows, of_file, origins) = rows(raws, bytes, map)?;
+        let (path, bytes) = (raws[0].as_path(), bytes[0].as_slice());
+        let mut part = Part { path, bytes, rows };
+        if is_session_per_file {
+            campaign::name_session(&mut part)?;
+        }
+        notes.extend(of_file);
+        // Read what is written: an import that no other command accepts is no use.
+        let csv = write::csv(&part.rows, &sources);
+        let lines = part.rows.iter().map(|row| row.line);
+        let set = measurements::parse_rows_of(path, csv.as_bytes(), lines)
+            .map_err(|error| origin::cited(error, &part.rows, &origins))?;
+        let of_set = set.notes.iter();
+        notes.extend(of_set.map(|note| format!("{}: {note}", path.display())));
+        parts.push(part);
+    }
+    notes.extend(campaign::note(&parts));
+    let rows = campaign::join(parts)?;
+    let csv = write::csv(&rows, &sources);
+    Ok(Imported { csv, rows, notes })
+}
+
+/// Returns the name of a file with its digest.
+fn source(path: &Path, bytes: &[u8]) -> String {
+    let name = path
+        .file_name()
+        .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let digest: String = Sha256::digest(bytes)
+        .iter()
+        .map(|b| format!("{b:02x}"))
+        .collect();
+    format!("{name} (SHA-256 {digest})")
+}
+
+/// Reads the rows of one file, or of poses and joints in two.
+fn rows(raws: &[PathBuf], bytes: &[Vec<u8>], map: &Map) -> Result<ReadRows, InputError> {
     // A blank row has its place in an order, and is refused there; otherwise it is no row.
     let is_ordered = map
         .join
@@ -88,56 +159,18 @@ pub fn import_bytes(
             .points
             .as_ref()
             .is_some_and(|points| points.join == Join::Order);
-    let parse = |path: &Path, bytes: &[u8], layout: &Layout| {
-        let mut table = Table::parse(path, bytes, layout)?;
+    let parse = |k: usize, layout: &Layout| {
+        let mut table = Table::parse(&raws[k], &bytes[k], layout)?;
         table.rows.retain(|line| is_ordered || !line.is_blank());
         Ok::<_, InputError>(table)
     };
-    let two = map.points.is_some() || map.join.is_some();
-    let (rows, mut notes, origins) = match (two, raws, bytes) {
-        (false, [path], [bytes]) => poses::rows(&parse(path, bytes, &map.file)?, None, map)?,
-        (true, [poses, joints], [pose_bytes, joint_bytes]) => {
-            let layout = map.joints_file.as_ref().unwrap_or(&map.file);
-            let poses = parse(poses, pose_bytes, &map.file)?;
-            let joints = parse(joints, joint_bytes, layout)?;
-            match &map.join {
-                Some(join) => poses::rows(&poses, Some((&joints, join)), map)?,
-                None => points::rows(&poses, &joints, map)?,
-            }
-        }
-        (two, ..) => {
-            let expected = if two {
-                "two, the points or poses and then the joints, as the map has [points] or [join]"
-            } else {
-                "one, as the map has neither [points] nor [join]"
-            };
-            let found = match raws.len() {
-                1 => "1 file to import".to_owned(),
-                count => format!("{count} files to import"),
-            };
-            return Err(InputError::new(&map.path, found, expected));
-        }
-    };
-    let sources: Vec<String> = raws
-        .iter()
-        .zip(bytes)
-        .map(|(path, bytes)| {
-            let name = path
-                .file_name()
-                .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-            let digest: String = Sha256::digest(bytes)
-                .iter()
-                .map(|b| format!("{b:02x}"))
-                .collect();
-            format!("{name} (SHA-256 {digest})")
-        })
-        .collect();
-    let csv = write::csv(&rows, &sources);
-    // Read the output again: an import that no other command accepts is no use.
-    let lines = rows.iter().map(|row| row.line);
-    let set = measurements::parse_rows_of(&raws[0], csv.as_bytes(), lines)
-        .map_err(|error| origin::cited(error, &rows, &origins))?;
-    let file = raws[0].display();
-    notes.extend(set.notes.iter().map(|note| format!("{file}: {note}")));
-    Ok(Imported { csv, rows, notes })
+    let poses = parse(0, &map.file)?;
+    if raws.len() == 1 {
+        return poses::rows(&poses, None, map);
+    }
+    let joints = parse(1, map.joints_file.as_ref().unwrap_or(&map.file))?;
+    match &map.join {
+        Some(join) => poses::rows(&poses, Some((&joints, join)), map),
+        None => points::rows(&poses, &joints, map),
+    }
 }

@@ -74,13 +74,24 @@ impl Preset {
         fitting.next().filter(|_| fitting.next().is_none())
     }
 
-    /// Returns the map for these files as TOML, and an error if its decimal mark is a guess.
+    /// Returns the map for points and joints, or for each of several files, as TOML; and an error if its decimal mark is a
+    /// guess.
     ///
     /// # Errors
     /// [`InputError`] when a file is not a table of text.
-    pub fn map(self, files: &[(&Path, &[u8])]) -> Result<(String, Option<InputError>), InputError> {
-        let Resolved { map, doubt, .. } = self.resolved(files)?;
-        Ok((format!("# {}: {}\n{map}", self.name, self.about()), doubt))
+    pub fn maps(
+        self,
+        files: &[(&Path, &[u8])],
+    ) -> Result<Vec<(String, Option<InputError>)>, InputError> {
+        let files_of_a_map = match self.table().contains_key("points") {
+            true => files.len(),
+            false => 1,
+        };
+        let of = |files: &[(&Path, &[u8])]| {
+            let Resolved { map, doubt, .. } = self.resolved(files)?;
+            Ok((format!("# {}: {}\n{map}", self.name, self.about()), doubt))
+        };
+        files.chunks(files_of_a_map).map(of).collect()
     }
 
     fn table(self) -> Toml {

@@ -40,6 +40,9 @@ pub struct Row {
 /// Names of the columns of the position.
 pub const XYZ: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
 
+/// Line of the first row, after a comment and the header.
+pub const FIRST_LINE: usize = 3;
+
 /// Number of decimals of millimetres and milliradians.
 const LENGTH: usize = 6;
 /// Number of decimals of seconds.

@@ -11,6 +11,7 @@ mod board;
 mod bridge;
 #[cfg(unix)]
 mod browser;
+mod campaign_files;
 mod check;
 mod check_unexplained;
 mod choice;
