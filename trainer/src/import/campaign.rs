@@ -95,7 +95,7 @@ fn check_time(before: &Part<'_>, part: &Part<'_>) -> Result<(), InputError> {
     Err(InputError::new(part.path, found, expected)
         .at_line(line)
         .with_help(
-            "a clock that begins anew with each file is no time: take [time] out of the map, and the rows count as in \
-             the order of the files",
+            "if the clock starts at 0 in each file, take [time] out of the map: the rows then count in the order of the \
+             files",
         ))
 }
