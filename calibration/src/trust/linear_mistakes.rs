@@ -7,7 +7,7 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::cause::Cause;
-use poegp_runtime::math::se3::Pose;
+use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::JointUnit;
@@ -30,6 +30,8 @@ const LEAST_DISTANCE: f64 = 2e-4;
 const LEAST_TURN: f64 = 3e-3;
 /// Smallest play of a joint in rad or m that is more than the backlash of a gear in order.
 const LEAST_PLAY: f64 = 3.5e-4;
+/// Difference of a coupling from the stated one below which bars of the linkage, not the description, may be the cause.
+const OF_BARS: f64 = 0.01;
 /// Share of the best mistake's drop of χ² above which another one fits as well.
 const AS_GOOD: f64 = 0.97;
 /// Most other mistakes that are listed.
@@ -38,7 +40,7 @@ const OTHERS: usize = 2;
 /// A mistake in all rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mistake {
-    /// The first joint also turns with the second.
+    /// The first joint of the serial chain also turns with the controller's second joint.
     Coupled(usize, usize),
     /// A joint turns or moves more, or less, than stated.
     Ratio(usize),
@@ -110,29 +112,15 @@ impl Mistake {
         }
     }
 
-    /// Describes the mistake with these coefficients; `units` are those of the joint columns.
-    fn text(self, x: &[f64], units: &[JointUnit]) -> String {
+    /// Describes the mistake with these coefficients; `units` are those of the joint columns, and `coupling` is the stated one.
+    fn text(self, x: &[f64], units: &[JointUnit], coupling: Option<&[Vec<f64>]>) -> String {
         let percent = |x: f64| format!("{} %", three_digits(100.0 * x.abs()));
         let more = |more: &'static str, less: &'static str| match x[0] > 0.0 {
             true => more,
             false => less,
         };
         match self {
-            Self::Coupled(a, b) => {
-                let (own, other) = (units[a], units[b]);
-                let factor = own.from_si(x[0].abs()) / other.from_si(1.0);
-                let unit = match own == other {
-                    true => String::new(),
-                    false => format!(" {}/{} ·", own.symbol(), other.symbol()),
-                };
-                format!(
-                    "joint {0} looks coupled: q{0} {1} {factor:.4}{unit} q{2} instead of q{0}: export decoupled joints, or \
-                     state the coupling in the robot's description",
-                    a + 1,
-                    more("+", "−"),
-                    b + 1,
-                )
-            }
+            Self::Coupled(a, b) => coupling_text((a, b), x[0], units, coupling),
             Self::Ratio(a) => format!(
                 "joint {} {} {} {} than its column states: check its gear ratio and its unit",
                 a + 1,
@@ -184,6 +172,39 @@ impl Mistake {
     }
 }
 
+/// Says that the joint `a` of the chain also turns with the controller's joint `b`, by `x`.
+fn coupling_text(
+    (a, b): (usize, usize),
+    x: f64,
+    units: &[JointUnit],
+    coupling: Option<&[Vec<f64>]>,
+) -> String {
+    let (row, column) = (a + 1, b + 1);
+    if let Some(stated) = coupling.map(|rows| rows[a][b]) {
+        return format!(
+            "row {row} of the stated coupling looks like {:.4} for q{column} instead of {stated}: correct it in the robot's \
+             description",
+            stated + x
+        );
+    }
+    let (own, other) = (units[a], units[b]);
+    let factor = own.from_si(x.abs()) / other.from_si(1.0);
+    let unit = match own == other {
+        true => String::new(),
+        false => format!(" {}/{} ·", own.symbol(), other.symbol()),
+    };
+    let in_si = match (own.is_angle(), other.is_angle()) {
+        (true, false) => ", in rad/m",
+        (false, true) => ", in m/rad",
+        _ => "",
+    };
+    format!(
+        "joint {row} looks coupled: q{row} {} {factor:.4}{unit} q{column} instead of q{row}: export decoupled joints, or state \
+         the coupling in the robot's description ({x:.5} for q{column} in row {row}{in_si})",
+        if x > 0.0 { "+" } else { "−" },
+    )
+}
+
 /// Returns the index of the largest coefficient.
 fn most(x: &[f64]) -> usize {
     let larger = |a: &usize, b: &usize| x[*a].abs().total_cmp(&x[*b].abs());
@@ -197,6 +218,8 @@ struct Effects<'a> {
     axes: Vec<[Vector3<f64>; 3]>,
     away: Vec<Vector3<f64>>,
     averaged: Vec<Vector3<f64>>,
+    /// For each sample, the effects of the chain's joints on its residual components, where the controller's are coupled.
+    serial: Option<Vec<Vec<[f64; ROWS]>>>,
 }
 
 impl<'a> Effects<'a> {
@@ -214,8 +237,10 @@ impl<'a> Effects<'a> {
             true => at(k - 1) + at(k + 1) - 2.0 * at(k),
             false => Vector3::zeros(),
         };
+        let serial = || (0..count).map(|k| serial_effects(geometry, k)).collect();
         Self {
             geometry,
+            serial: data.robot.coupling.is_some().then(serial),
             axes: (0..count).map(axes).collect(),
             away: (0..count).map(|k| turn * seen(k).normalize()).collect(),
             averaged: (0..count).map(averaged).collect(),
@@ -234,7 +259,10 @@ impl<'a> Effects<'a> {
         };
         let joint = |j: usize| g.linear.jacobian[(row, j)];
         match mistake {
-            Mistake::Coupled(a, b) => joint(a) * sample.joints[b],
+            Mistake::Coupled(a, b) => {
+                let of_chain = |all: &Vec<Vec<[f64; ROWS]>>| all[k][a][component];
+                self.serial.as_ref().map_or_else(|| joint(a), of_chain) * sample.joints[b]
+            }
             Mistake::Ratio(a) => joint(a) * sample.joints[a],
             Mistake::Axis(i) => displaced(&self.axes[k][i]),
             Mistake::Distance => displaced(&self.away[k]),
@@ -258,6 +286,25 @@ impl<'a> Effects<'a> {
     }
 }
 
+/// Returns the effects of the chain's joints on the residual components of sample `k`.
+fn serial_effects(geometry: &Geometry, k: usize) -> Vec<[f64; ROWS]> {
+    let sample = &geometry.samples[k];
+    let chain = geometry.state.chain(sample.tool);
+    let (columns, pose) = chain.space_jacobian(&sample.serial_joints);
+    let scales = geometry.scales.of(sample);
+    let equations = sample.observation.equations();
+    let of = |column: &Twist<f64>| {
+        let parts = column.at_point(&pose.translation).to_array();
+        std::array::from_fn(|i| match i {
+            i if i >= equations => 0.0,
+            0..3 => parts[i] / scales.position,
+            _ => parts[i] / scales.orientation,
+        })
+    };
+    let joints = geometry.state.layout.joints;
+    columns[..joints].iter().map(of).collect()
+}
+
 /// A mistake, its coefficients, and the drop of χ² that it causes.
 struct Explanation {
     mistake: Mistake,
@@ -266,8 +313,16 @@ struct Explanation {
 }
 
 impl Explanation {
-    fn text(&self, units: &[JointUnit]) -> String {
-        self.mistake.text(&self.optimum.coefficients, units)
+    fn text(&self, data: &Data<'_>) -> String {
+        let coupling = data.robot.coupling.as_deref();
+        self.mistake
+            .text(&self.optimum.coefficients, &data.units, coupling)
+    }
+
+    /// Returns whether a linkage differs from what is stated by no more than bars do that are not made to size.
+    fn is_small_coupling(&self, data: &Data<'_>) -> bool {
+        let is_coupled = matches!(self.mistake, Mistake::Coupled(..));
+        is_coupled && data.robot.coupling.is_some() && self.optimum.coefficients[0].abs() < OF_BARS
     }
 }
 
@@ -325,15 +380,16 @@ fn explaining(
     if share < least || drop < needed || !is_large {
         return None;
     }
-    let mut text = best.text(&data.units);
+    let mut text = best.text(data);
     let others: Vec<String> = (others.iter())
         .take_while(|other| other.drop > AS_GOOD * best.drop)
         .take(OTHERS)
-        .map(|other| other.text(&data.units))
+        .map(|other| other.text(data))
         .collect();
     text += &fits_equally(&others);
-    // An arm with play can be calibrated; it cannot be better than its play.
-    let tier = Tier::refused_if(share > EXPLAINED.1 && best.mistake != Mistake::Play);
+    // An arm with play can be calibrated; it cannot be better than its play. What bars of a linkage add is learnt.
+    let is_usable = best.mistake == Mistake::Play || best.is_small_coupling(data);
+    let tier = Tier::refused_if(share > EXPLAINED.1 && !is_usable);
     let rows = geometry.samples.len() as f64;
     let cause = best.mistake.cause();
     Some(Finding::new(cause, tier, text, drop / rows, needed / rows))
@@ -347,7 +403,7 @@ mod tests {
     #[test]
     fn a_coupling_is_in_the_units_of_the_columns() {
         use JointUnit::{Degree, Metre, Millimetre, Radian};
-        let said = |a, b| Mistake::Coupled(0, 1).text(&[-0.0114], &[a, b]);
+        let said = |a, b| Mistake::Coupled(0, 1).text(&[-0.0114], &[a, b], None);
         let stated = |a, b| {
             let text = said(a, b);
             let (_, rest) = text.split_once("q1 − ").unwrap();
@@ -364,7 +420,7 @@ mod tests {
 
     #[test]
     fn a_slide_moves_and_a_revolute_joint_turns() {
-        let said = |unit, by| Mistake::Ratio(0).text(&[by], &[unit]);
+        let said = |unit, by| Mistake::Ratio(0).text(&[by], &[unit], None);
         let turns = "joint 1 turns 0.93 % less than its column states";
         assert!(said(JointUnit::Degree, -0.0093).starts_with(turns));
         let moves = "joint 1 moves 0.93 % more than its column states";

@@ -11,7 +11,7 @@ use crate::identification::parametric::state::ROWS;
 use crate::numeric::matrix::Mat;
 use crate::numeric::svd::Svd;
 use crate::trust::change_points::{Part, changes, needed};
-use crate::trust::finding::Finding;
+use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
 use crate::trust::wording::{length, lines};
@@ -21,6 +21,11 @@ const LEAST: (usize, f64) = (16, 0.15);
 /// Share of the variance that the distance of the clusters must explain: of one normal cluster that is cut in the middle it
 /// is 0.64, of a sine wave 0.81.
 const APART: f64 = 0.88;
+
+/// Most changes of the kind along the rows of a file that was joined from two.
+pub const BLOCK: usize = 3;
+/// Standard deviations by which the kinds change less often along a joint's values than by chance, where they follow it.
+const FOLLOWED: f64 = 5.0;
 
 /// Returns a warning or a refusal if there are two kinds of rows.
 pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
@@ -39,6 +44,13 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
         (change.drop > needed).then_some((rows, change))
     });
     let (rows, change) = candidates.max_by(|a, b| a.1.drop.total_cmp(&b.1.drop))?;
+    let mut kinds = vec![false; count];
+    rows.iter().for_each(|k| kinds[*k] = true);
+    let followed = joint_that_kinds_follow(data, &kinds);
+    if let (Some(joint), Part::Base | Part::Tool) = (followed, change.part) {
+        let text = not_straight(joint, change.displacement);
+        return Some(change.finding((Cause::Mixed, Tier::Warning), text, needed, count));
+    }
     let rows: Vec<usize> = rows.iter().map(|k| data.line(*k)).collect();
     let what = match change.part {
         Part::Tool => {
@@ -58,6 +70,41 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     );
     let mixed = (Cause::Mixed, change.tier());
     Some(change.finding(mixed, text, needed, count).of_rows(rows))
+}
+
+/// Returns the joint whose values decide the kinds of the rows: in the order of its values, the kind changes far less often than
+/// by chance (the test of Wald and Wolfowitz, Annals of Mathematical Statistics 1940). A file that was joined from two shows none:
+/// the poses of both may differ, too.
+pub fn joint_that_kinds_follow(data: &Data<'_>, kinds: &[bool]) -> Option<usize> {
+    if kinds.windows(2).filter(|w| w[0] != w[1]).count() <= BLOCK {
+        return None;
+    }
+    let n = kinds.len() as f64;
+    let of_second = kinds.iter().filter(|kind| **kind).count() as f64;
+    let expected = 2.0 * of_second * (n - of_second) / n;
+    let deviation = (expected * (expected - 1.0) / (n - 1.0)).sqrt();
+    let fewer = |joint: usize| {
+        let mut order: Vec<usize> = (0..kinds.len()).collect();
+        let value = |k: usize| data.samples[k].joints[joint];
+        order.sort_by(|a, b| value(*a).total_cmp(&value(*b)));
+        let turns = order.windows(2).filter(|w| kinds[w[0]] != kinds[w[1]]);
+        (expected - turns.count() as f64) / deviation
+    };
+    let joints = 0..data.robot.joints.len();
+    let (joint, fewer) = joints
+        .map(|joint| (joint, fewer(joint)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (fewer > FOLLOWED).then_some(joint)
+}
+
+/// Says that errors of two kinds, `displacement` m apart, follow a joint.
+pub fn not_straight(joint: usize, displacement: f64) -> String {
+    format!(
+        "the errors of the rows are of two kinds, which differ by {} and follow joint {}: an axis or a rail that is not straight \
+         does this; no geometry describes it, and the method `elastic` learns it where it was measured",
+        length(displacement),
+        joint + 1
+    )
 }
 
 /// Returns for each row the change of a joint's zero that explains most of its residual.

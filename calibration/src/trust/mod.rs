@@ -11,6 +11,7 @@ mod digits;
 mod finding;
 mod geometry;
 mod gravity_direction;
+mod joint_readings;
 mod joint_zero;
 mod left_out;
 mod linear_mistakes;

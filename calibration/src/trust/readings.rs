@@ -15,6 +15,7 @@ use crate::measurement::observation::Observation;
 use crate::measurement::sample::InstrumentSample;
 use crate::robot::{BUILT_IN, LoadOptions, Robot};
 use crate::trust::conventions::other_orientations;
+use crate::trust::joint_readings::{self, of_one};
 
 /// The rows of a file in chronological order.
 pub struct Data<'a> {
@@ -41,7 +42,7 @@ type OfJoints = Box<dyn Fn(&[f64]) -> Vec<f64>>;
 type OfSeen = Box<dyn Fn(&Observation) -> Observation>;
 
 /// A change that a reading makes.
-enum Change {
+pub(super) enum Change {
     /// The controller's joints change.
     Joints(OfJoints),
     /// The joints are those of the serial chain.
@@ -68,7 +69,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    fn new(cause: Cause, sentence: impl Into<String>, change: Change) -> Self {
+    pub(super) fn new(cause: Cause, sentence: impl Into<String>, change: Change) -> Self {
         Self {
             cause,
             sentence: sentence.into(),
@@ -157,7 +158,7 @@ impl Reading {
 pub fn readings(data: &Data<'_>, has_orientation: bool) -> Vec<Reading> {
     let mut out = Vec::new();
     of_units(data, &mut out);
-    of_joints(data, &mut out);
+    joint_readings::of_joints(data, &mut out);
     of_positions(&mut out);
     if has_orientation {
         for (sentence, map) in other_orientations() {
@@ -190,7 +191,7 @@ pub fn readings(data: &Data<'_>, has_orientation: bool) -> Vec<Reading> {
             out.push(Reading::new(Cause::Robot, sentence, change));
         }
     }
-    of_sign_patterns(data, &mut out);
+    joint_readings::of_sign_patterns(data, &mut out);
     out
 }
 
@@ -267,6 +268,23 @@ fn of_units(data: &Data<'_>, out: &mut Vec<Reading>) {
             ));
         }
     }
+    for j in (0..data.robot.joints.len()).filter(|j| !revolute.contains(j)) {
+        for (factor, unit) in [(1e3, "metres"), (1e-3, "millimetres")] {
+            let of = if factor > 1.0 {
+                "millimetres"
+            } else {
+                "metres"
+            };
+            out.push(Reading::new(
+                Cause::Unit,
+                format!(
+                    "joint {} looks like {unit} where the header says {of}",
+                    j + 1
+                ),
+                of_one(j, move |q| q * factor),
+            ));
+        }
+    }
     for (factor, sentence) in [
         (
             1e3,
@@ -310,14 +328,6 @@ fn of_units(data: &Data<'_>, out: &mut Vec<Reading>) {
     }
 }
 
-fn of_one(joint: usize, map: impl Fn(f64) -> f64 + 'static) -> Change {
-    Change::Joints(Box::new(move |q| {
-        let mut q = q.to_vec();
-        q[joint] = map(q[joint]);
-        q
-    }))
-}
-
 fn of_position(map: impl Fn(&Vector3<f64>) -> Vector3<f64> + 'static) -> Change {
     Change::Seen(Box::new(move |seen| match seen {
         Observation::Position(p) => Observation::Position(map(p)),
@@ -336,120 +346,6 @@ fn of_rotation(map: impl Fn(&Matrix3<f64>) -> Matrix3<f64> + 'static) -> Change 
             ..*pose
         }),
     }))
-}
-
-/// Adds readings with other signs, zeros, order and coupling of the joints.
-fn of_joints(data: &Data<'_>, out: &mut Vec<Reading>) {
-    let n = data.robot.joints.len();
-    for j in 0..n {
-        let sentence = format!("joint {} looks reversed (its sign)", j + 1);
-        out.push(Reading::new(Cause::Sign, sentence, of_one(j, |q| -q)));
-    }
-    for a in 0..n {
-        for b in a + 1..n {
-            out.push(Reading::new(
-                Cause::Swap,
-                format!(
-                    "the columns of joints {} and {} look exchanged",
-                    a + 1,
-                    b + 1
-                ),
-                Change::Joints(Box::new(move |q| {
-                    let mut q = q.to_vec();
-                    q.swap(a, b);
-                    q
-                })),
-            ));
-        }
-    }
-    out.push(Reading::new(
-        Cause::Swap,
-        "the joints look listed from the flange to the base",
-        Change::Joints(Box::new(|q| q.iter().rev().copied().collect())),
-    ));
-    for turned in [1, n - 1] {
-        out.push(Reading::new(
-            Cause::Swap,
-            "the columns of the joints look shifted by one",
-            Change::Joints(Box::new(move |q| {
-                let mut q = q.to_vec();
-                q.rotate_left(turned);
-                q
-            })),
-        ));
-    }
-    for j in 0..n {
-        if data.robot.joints[j].kind == JointKind::Revolute {
-            for degrees in [
-                90.0, -90.0, 180.0, 45.0, -45.0, 30.0, -30.0, 60.0, -60.0, 120.0, -120.0,
-            ] {
-                let offset = f64::to_radians(degrees);
-                out.push(Reading::new(
-                    Cause::Offset,
-                    format!(
-                        "the zero of joint {} looks {degrees}° off from the nominal model",
-                        j + 1
-                    ),
-                    of_one(j, move |q| q + offset),
-                ));
-            }
-        }
-    }
-    if data.robot.coupling.is_some() {
-        out.push(Reading::new(
-            Cause::Coupling,
-            "the joints look like those of the serial chain, not the controller's",
-            Change::Serial,
-        ));
-    }
-    for j in 0..n {
-        for other in [j.checked_sub(1), (j + 1 < n).then_some(j + 1)]
-            .into_iter()
-            .flatten()
-            .filter(|other| data.robot.joints[*other].kind == data.robot.joints[j].kind)
-        {
-            for sign in [1.0, -1.0] {
-                let (a, b) = (j + 1, other + 1);
-                let operator = if sign > 0.0 { "+" } else { "−" };
-                out.push(Reading::new(
-                    Cause::Coupling,
-                    format!("joint {a} looks coupled: q{a} {operator} q{b} instead of q{a}"),
-                    Change::Joints(Box::new(move |q| {
-                        let mut q = q.to_vec();
-                        q[j] += sign * q[other];
-                        q
-                    })),
-                ));
-            }
-        }
-    }
-}
-
-/// Adds readings with several joints reversed at once.
-fn of_sign_patterns(data: &Data<'_>, out: &mut Vec<Reading>) {
-    let n = data.robot.joints.len();
-    for pattern in 1_usize..1 << n {
-        if pattern.count_ones() < 2 {
-            continue;
-        }
-        let reversed: Vec<usize> = (0..n).filter(|j| pattern >> j & 1 == 1).collect();
-        let names: Vec<String> = reversed.iter().map(|j| (j + 1).to_string()).collect();
-        let (last, most) = names.split_last().expect("two at least");
-        let mut reading = Reading::new(
-            Cause::Sign,
-            format!(
-                "joints {} and {last} look reversed (their signs)",
-                most.join(", ")
-            ),
-            Change::Joints(Box::new(move |q| {
-                let mut q = q.to_vec();
-                reversed.iter().for_each(|j| q[*j] = -q[*j]);
-                q
-            })),
-        );
-        reading.complexity = pattern.count_ones() as usize;
-        out.push(reading);
-    }
 }
 
 /// Adds readings with other axes of the positions or of the whole pose.

@@ -370,8 +370,8 @@ impl Scene<'_> {
         let ratio = nominal / left.max(1e-9);
         (ratio < NOMINAL && nominal < COMPUTED).then(|| {
             let text = format!(
-                "the nominal robot leaves {}, and no fitted geometry leaves less than {}: did the controller compute \
-                 these poses?",
+                "the nominal robot leaves {}, and no fitted geometry leaves less than {}: is the description calibrated \
+                 already, or did the controller compute these poses?",
                 length(nominal),
                 length(left)
             );

@@ -9,6 +9,7 @@ use crate::identification::parametric::state::ROWS;
 use crate::trust::added_terms::AddedTerms;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
+use crate::trust::mixture::{BLOCK, joint_that_kinds_follow, not_straight};
 use crate::trust::readings::Data;
 use crate::trust::wording::{length, lines};
 
@@ -20,8 +21,6 @@ const MOST: usize = 120;
 const EXPLAINED: f64 = 0.7;
 /// Equations that the choice of a row's kind takes of noise.
 const OF_A_KIND: f64 = 0.6;
-/// Most changes of the kind along the rows of a file that was joined from two.
-const BLOCK: usize = 3;
 /// Share of a difference that other joint zeros must explain to be an arm that warmed up.
 const OF_ZEROS: f64 = 0.85;
 /// Most rounds of the search from one start.
@@ -79,6 +78,18 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     if (of_second.min(count - of_second) as f64) < LEAST.1 * count as f64 {
         return None;
     }
+    let in_rows = 1.0 / (geometry.noise_factor().powi(2) * rows.len() as f64);
+    let (drop, needed) = (in_rows * best.drop, in_rows * needed * all);
+    if let Some(joint) = joint_that_kinds_follow(data, &best.of_all) {
+        let text = not_straight(joint, best.displacement);
+        return Some(Finding::new(
+            Cause::Mixed,
+            Tier::Warning,
+            text,
+            drop,
+            needed,
+        ));
+    }
     let fewer = (0..count).filter(|k| best.of_all[*k] == is_fewer);
     let fewer: Vec<usize> = fewer.map(|k| data.line(k)).collect();
     let text = format!(
@@ -87,8 +98,6 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
         length(best.displacement),
         lines(&fewer)
     );
-    let in_rows = 1.0 / (geometry.noise_factor().powi(2) * rows.len() as f64);
-    let (drop, needed) = (in_rows * best.drop, in_rows * needed * all);
     Some(Finding::new(Cause::Mixed, Tier::Refused, text, drop, needed).of_rows(fewer))
 }
 

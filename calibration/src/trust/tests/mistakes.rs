@@ -1,12 +1,17 @@
 //! Mistakes that shift each row in proportion to what it holds, and rows of two arms.
 
+use std::path::Path;
+
 use nalgebra::{Rotation3, Vector3};
 use poegp_protocol::cause::Cause;
+use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{examined, read, table_of};
 use crate::identification::base_tools::fit_base_and_tools;
+use crate::measurement::parse;
+use crate::measurement::sample::samples;
 use crate::robot::{LoadOptions, Robot};
 use crate::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
 use crate::trust::{Finding, Findings, Tier};
@@ -240,6 +245,81 @@ fn a_mastering_is_no_warm_up() {
         assert!(finding.text.contains("mastering"), "{finding:?}");
         assert!(
             finding.rows.len() == rows / 2 || finding.text.contains("two arms"),
+            "{finding:?}"
+        );
+    }
+}
+
+/// An axis or a rail that is not straight turns what it carries as a function of its own joint. The rows are in two kinds then,
+/// but of one arm.
+#[test]
+fn an_axis_that_is_not_straight_is_no_second_arm() {
+    for (rows, seed) in [(120, 1), (200, 2), (300, 3)] {
+        let mut poses = measured(Scenario::Paper, rows, seed);
+        let robot = robot();
+        let (header, table) = table_of(&to_csv(&robot, &poses, false, "mistakes"));
+        let (_, _, samples) = read(&header, &table);
+        let base = fit_base_and_tools(&robot.chain().unwrap(), &samples).instrument_from_base;
+        for pose in &mut poses {
+            let angle = 5e-4 * libm::sin(5.0 * pose.joints[0]);
+            let turn = Pose {
+                rotation: Rotation3::new(Vector3::new(angle, 0.5 * angle, 0.0)).into_inner(),
+                ..Pose::identity()
+            };
+            pose.measured = base * turn * base.inverse() * pose.measured;
+        }
+        let findings = examine(&poses);
+        println!("{rows} rows: {findings:?}");
+        let named = findings.0.iter().find(|f| f.cause == Cause::Mixed);
+        assert!(!findings.is_refused(), "{findings:?}");
+        assert!(
+            named.is_some_and(|f| f.text.contains("follow joint 1")),
+            "{findings:?}"
+        );
+    }
+}
+
+/// A wrong element of a stated coupling is named as it stands in the description. One that is off by as little as bars that are
+/// not made to size is only warned of.
+#[test]
+fn a_wrong_element_of_a_stated_coupling_is_named() {
+    let right = Robot::load("abb-irb4400", &LoadOptions::default()).unwrap();
+    let row = right.coupling.clone().unwrap()[2].clone();
+    assert_eq!(row[..3], [0.0, -1.0, 1.0]);
+    for (stated, tier) in [
+        (0.0, Tier::Refused),
+        (1.0, Tier::Refused),
+        (-0.985, Tier::Refused),
+        (-0.996, Tier::Warning),
+    ] {
+        let poses = Simulator::new(&right, Scenario::Paper, &[1.0, 5.0], 3).measure(120);
+        let text = to_csv(&right, &poses, false, "coupling");
+        let mut wrong = right.clone();
+        wrong.coupling.as_mut().unwrap()[2][1] = stated;
+        let set = parse(Path::new("coupling.csv"), text.as_bytes()).unwrap();
+        let samples = samples(&set, &wrong, &mut Vec::new()).unwrap();
+        let gravity = Vector3::new(0.0, 0.0, -9.81);
+        let findings = crate::trust::examine(&wrong, &set, &samples, gravity, true);
+        println!("{stated}: {findings:?}");
+        let [finding] = findings.0.as_slice() else {
+            panic!("{stated}: {findings:?}");
+        };
+        assert_eq!(
+            (finding.cause, finding.tier),
+            (Cause::Coupling, tier),
+            "{finding:?}"
+        );
+        let (_, value) = finding
+            .text
+            .split_once("row 3 of the stated coupling looks like ")
+            .unwrap();
+        let (value, rest) = value.split_once(' ').unwrap();
+        assert!(
+            (value.parse::<f64>().unwrap() + 1.0).abs() < 1e-3,
+            "{finding:?}"
+        );
+        assert!(
+            rest.starts_with(&format!("for q2 instead of {stated}")),
             "{finding:?}"
         );
     }

@@ -3,7 +3,7 @@
 use poegp_protocol::cause::Cause;
 
 use crate::measurement::sample::InstrumentSample;
-use crate::trust::Tier;
+use crate::trust::{Finding, Tier};
 use crate::validation::next_steps::step::{Kind, Step};
 use crate::validation::next_steps::task::Task;
 
@@ -24,7 +24,7 @@ pub fn steps(task: &Task) -> Vec<Step> {
     let warned = task.warnings.iter().filter(|w| w.tier == Tier::Warning);
     // A drift is the instrument's, where its reference points show one.
     let warned = warned.filter(|w| instrument.is_none() || w.cause != Cause::Drift);
-    let remedies = warned.filter_map(|w| Some(step(format!("{}: {}", remedy(w.cause)?, w.text))));
+    let remedies = warned.filter_map(|w| Some(step(format!("{}: {}", remedy(w)?, w.text))));
     let mut out: Vec<Step> = remedies.collect();
     let drift = match instrument {
         Some(mm) => Some(format!(
@@ -36,9 +36,11 @@ pub fn steps(task: &Task) -> Vec<Step> {
     out
 }
 
-/// Returns what to do about rows with a warning of this cause; `None` if the warning is not about rows.
-fn remedy(cause: Cause) -> Option<&'static str> {
-    Some(match cause {
+/// Returns what to do about the rows of a warning; `None` if it is not about rows.
+fn remedy(warning: &Finding) -> Option<&'static str> {
+    Some(match warning.cause {
+        // An axis that is not straight is no fault of the rows.
+        Cause::Mixed if warning.rows.is_empty() => return None,
         Cause::Step | Cause::Drift | Cause::Mixed => {
             "Measure again what was measured before something moved; if only the target was remounted, give each mounting a \
              session of its own"
