@@ -11,7 +11,6 @@ mod digits;
 mod finding;
 mod geometry;
 mod gravity_direction;
-mod joint_readings;
 mod joint_zero;
 mod left_out;
 mod linear_mistakes;
@@ -26,6 +25,7 @@ mod repeated_moves;
 mod residuals;
 #[cfg(test)]
 mod tests;
+mod tried_readings;
 mod two_arms;
 mod unsettled;
 pub(crate) mod wording;

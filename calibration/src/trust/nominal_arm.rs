@@ -15,7 +15,8 @@ use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::joint_zero::{JointZero, joint_zero};
 use crate::trust::nominal_fit::{AS_GOOD, BETTER, Fit, MOST, REFUSED_ROTATION, spread};
 use crate::trust::numbers::frozen;
-use crate::trust::readings::{Data, Reading, readings};
+use crate::trust::readings::{Data, Reading};
+use crate::trust::tried_readings::readings;
 use crate::trust::unsettled;
 use crate::trust::wording::{ONE_SET_UP, fits_equally, length, lengths, lines};
 
