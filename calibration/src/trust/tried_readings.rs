@@ -376,7 +376,7 @@ fn of_coupling(data: &Data<'_>, out: &mut Vec<Reading>) {
                         row + 1,
                         column + 1
                     ),
-                    Change::Robot(Box::new(robot), Box::new(data.chain.clone())),
+                    Change::Robot(Box::new(robot), Box::new(data.chain)),
                 ));
             }
         }
