@@ -67,8 +67,8 @@ fn many_rows_take_little_time_and_memory() {
     let long = format!("{header}\n{}", rows.repeat(count / 100));
     folder.write("long.csv", long);
     for command in [
-        "correct arm.blob long.csv --out o",
-        "evaluate arm.blob long.csv --predictions o",
+        "correct arm.blob long.csv --out targets.csv",
+        "evaluate arm.blob long.csv --predictions predicted.csv",
     ] {
         let child = folder
             .command(command)
