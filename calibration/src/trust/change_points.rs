@@ -32,7 +32,7 @@ const FALL: f64 = 0.5;
 /// Displacement in m from which other joint zeros are no warm-up.
 const WARMEST: f64 = 3e-3;
 /// Displacement above which a change is refused, in m.
-const REFUSED: f64 = 3e-3;
+pub const REFUSED: f64 = 3e-3;
 
 /// The part of the set-up that changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -61,7 +61,7 @@ impl Finding {
         Self { rows, ..self }
     }
 
-    /// Returns whether `other` names the same cause, or a cause of outliers, in at least half of the rows.
+    /// Returns whether `other` names the same cause, or says why these are outliers, in at least half of the rows.
     pub fn is_named_by(&self, other: &Self) -> bool {
         let named = self.rows.iter().filter(|row| other.rows.contains(row));
         let named = named.count();

@@ -319,7 +319,7 @@ impl Explanation {
             .text(&self.optimum.coefficients, &data.units, coupling)
     }
 
-    /// Returns whether a linkage differs from what is stated by no more than bars do that are not made to size.
+    /// Returns whether a stated coupling is off by no more than bars explain that are not quite to size.
     fn is_small_coupling(&self, data: &Data<'_>) -> bool {
         let is_coupled = matches!(self.mistake, Mistake::Coupled(..));
         is_coupled && data.robot.coupling.is_some() && self.optimum.coefficients[0].abs() < OF_BARS

@@ -10,7 +10,7 @@ use poegp_protocol::cause::Cause;
 use crate::identification::parametric::state::ROWS;
 use crate::numeric::matrix::Mat;
 use crate::numeric::svd::Svd;
-use crate::trust::change_points::{Part, changes, needed};
+use crate::trust::change_points::{Part, REFUSED, changes, needed};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
@@ -46,9 +46,10 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     let (rows, change) = candidates.max_by(|a, b| a.1.drop.total_cmp(&b.1.drop))?;
     let mut kinds = vec![false; count];
     rows.iter().for_each(|k| kinds[*k] = true);
-    let followed = joint_that_kinds_follow(data, &kinds);
-    if let (Some(joint), Part::Base | Part::Tool) = (followed, change.part) {
-        let text = not_straight(joint, change.displacement);
+    // Which target or which zero a row has may follow a joint, too: only one of several targets may be in sight.
+    if change.part == Part::Base
+        && let Some(text) = not_straight(data, &kinds, change.displacement)
+    {
         return Some(change.finding((Cause::Mixed, Tier::Warning), text, needed, count));
     }
     let rows: Vec<usize> = rows.iter().map(|k| data.line(*k)).collect();
@@ -72,11 +73,16 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     Some(change.finding(mixed, text, needed, count).of_rows(rows))
 }
 
-/// Returns the joint whose values decide the kinds of the rows: in the order of its values, the kind changes far less often than
-/// by chance (the test of Wald and Wolfowitz, Annals of Mathematical Statistics 1940). A file that was joined from two shows none:
-/// the poses of both may differ, too.
-pub fn joint_that_kinds_follow(data: &Data<'_>, kinds: &[bool]) -> Option<usize> {
-    if kinds.windows(2).filter(|w| w[0] != w[1]).count() <= BLOCK {
+/// Says that an axis is not straight, if a joint's values decide the kinds of the rows and the kinds differ by no more than an
+/// axis does: in the order of these values, the kind changes far less often than by chance (the test of Wald and Wolfowitz,
+/// Annals of Mathematical Statistics 1940). Of a file that was joined from two nothing is said: the poses of both may differ, too.
+pub fn not_straight(data: &Data<'_>, kinds: &[bool], displacement: f64) -> Option<String> {
+    let turns = |order: &[usize]| {
+        let turns = order.windows(2).filter(|w| kinds[w[0]] != kinds[w[1]]);
+        turns.count()
+    };
+    let rows: Vec<usize> = (0..kinds.len()).collect();
+    if turns(&rows) <= BLOCK || displacement > REFUSED {
         return None;
     }
     let n = kinds.len() as f64;
@@ -84,27 +90,21 @@ pub fn joint_that_kinds_follow(data: &Data<'_>, kinds: &[bool]) -> Option<usize>
     let expected = 2.0 * of_second * (n - of_second) / n;
     let deviation = (expected * (expected - 1.0) / (n - 1.0)).sqrt();
     let fewer = |joint: usize| {
-        let mut order: Vec<usize> = (0..kinds.len()).collect();
+        let mut order = rows.clone();
         let value = |k: usize| data.samples[k].joints[joint];
         order.sort_by(|a, b| value(*a).total_cmp(&value(*b)));
-        let turns = order.windows(2).filter(|w| kinds[w[0]] != kinds[w[1]]);
-        (expected - turns.count() as f64) / deviation
+        (joint, (expected - turns(&order) as f64) / deviation)
     };
-    let joints = 0..data.robot.joints.len();
-    let (joint, fewer) = joints
-        .map(|joint| (joint, fewer(joint)))
-        .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    (fewer > FOLLOWED).then_some(joint)
-}
-
-/// Says that errors of two kinds, `displacement` m apart, follow a joint.
-pub fn not_straight(joint: usize, displacement: f64) -> String {
-    format!(
-        "the errors of the rows are of two kinds, which differ by {} and follow joint {}: an axis or a rail that is not straight \
-         does this; no geometry describes it, and the method `elastic` learns it where it was measured",
-        length(displacement),
-        joint + 1
-    )
+    let all = (0..data.robot.joints.len()).map(fewer);
+    let (joint, fewer) = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (fewer > FOLLOWED).then(|| {
+        format!(
+            "the errors of the rows are of two kinds, which differ by {} and follow joint {}: an axis or a rail that is not \
+             straight does this; no geometry describes it, and the method `elastic` learns it where it was measured",
+            length(displacement),
+            joint + 1
+        )
+    })
 }
 
 /// Returns for each row the change of a joint's zero that explains most of its residual.

@@ -10,7 +10,7 @@ use crate::robot::{BUILT_IN, LoadOptions, Robot};
 use crate::trust::conventions::other_orientations;
 use crate::trust::readings::{Change, Data, Reading};
 
-/// Difference of two elements of a coupling that are one: honest linkages deviate by less.
+/// Elements of a coupling that differ by less count as equal: honest linkages deviate by less.
 const NEAR: f64 = 0.1;
 
 /// Returns every reading of the data except the one as given, simplest first.

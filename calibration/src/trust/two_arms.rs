@@ -9,7 +9,7 @@ use crate::identification::parametric::state::ROWS;
 use crate::trust::added_terms::AddedTerms;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
-use crate::trust::mixture::{BLOCK, joint_that_kinds_follow, not_straight};
+use crate::trust::mixture::{BLOCK, not_straight};
 use crate::trust::readings::Data;
 use crate::trust::wording::{length, lines};
 
@@ -80,8 +80,7 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     }
     let in_rows = 1.0 / (geometry.noise_factor().powi(2) * rows.len() as f64);
     let (drop, needed) = (in_rows * best.drop, in_rows * needed * all);
-    if let Some(joint) = joint_that_kinds_follow(data, &best.of_all) {
-        let text = not_straight(joint, best.displacement);
+    if let Some(text) = not_straight(data, &best.of_all, best.displacement) {
         return Some(Finding::new(
             Cause::Mixed,
             Tier::Warning,

@@ -47,7 +47,7 @@ pub struct Import {
     /// Write the map that was used, as the start of a map of your own.
     #[arg(long, value_name = "FILE", conflicts_with = "map")]
     pub write_map: Option<PathBuf>,
-    /// Give the rows of each file a session with the name of the file: the target was mounted again for each.
+    /// Name the session of each file's rows after the file, because the target was remounted for each.
     #[arg(long)]
     pub session_per_file: bool,
     /// Measurement file to write (`-`: standard output); for touches also the features, NAME.toml beside
@@ -246,33 +246,32 @@ pub fn run(a: &Import) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Finds the one preset that fits the header, and prints it.
+/// Finds the one preset that fits the headers of all files, and prints it.
 fn matching(files: &[PathBuf], bytes: &[Vec<u8>]) -> Result<Preset, InputError> {
-    let mut presets = files
-        .iter()
-        .zip(bytes)
-        .map(|(file, bytes)| Preset::matching(file, bytes));
-    let first = presets.next().flatten();
-    let is_same = |other: Option<Preset>| other.map(|preset| preset.name) == first.map(|p| p.name);
-    let preset = first.filter(|_| presets.all(is_same));
-    match preset {
-        Some(preset) => {
-            note(format_args!("preset `{}`: {}", preset.name, preset.about()));
-            Ok(preset)
-        }
-        None => {
+    let expected = "--preset NAME or --map FILE";
+    let of = |(file, bytes): (&PathBuf, &Vec<u8>)| {
+        Preset::matching(file, bytes).ok_or_else(|| {
             let presets: Vec<String> = PRESETS
                 .iter()
                 .map(|preset| format!("\n  {:18} {}", preset.name, preset.about()))
                 .collect();
-            Err(InputError::new(&files[0], "no header that fits exactly one preset", "--preset NAME or --map FILE").with_help(
-                format!(
-                    "docs/guide/import.md explains maps; --write-map FILE writes the map of a preset. The presets:{}",
-                    presets.concat()
-                ),
-            ))
-        }
+            let help = format!(
+                "docs/guide/import.md explains maps; --write-map FILE writes the map of a preset. The presets:{}",
+                presets.concat()
+            );
+            let found = "no header that fits exactly one preset";
+            InputError::new(file, found, expected).with_help(help)
+        })
+    };
+    let presets: Vec<Preset> = files.iter().zip(bytes).map(of).collect::<Result<_, _>>()?;
+    let preset = presets[0];
+    if let Some(k) = presets.iter().position(|other| other.name != preset.name) {
+        let (other, first) = (presets[k].name, preset.name);
+        let found = format!("a header of the preset `{other}`, after one of `{first}`");
+        return Err(InputError::new(&files[k], found, expected));
     }
+    note(format_args!("preset `{}`: {}", preset.name, preset.about()));
+    Ok(preset)
 }
 
 /// Creates the JSON document: number of rows, first rows and notes.

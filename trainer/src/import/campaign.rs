@@ -35,8 +35,9 @@ pub fn name_session(part: &mut Part<'_>) -> Result<(), InputError> {
 /// Joins the rows of `parts`.
 ///
 /// # Errors
-/// [`InputError`] if a file is given twice, has other columns than the first, or begins before the file in front of it ends.
-pub fn join(parts: Vec<Part<'_>>) -> Result<Vec<Row>, InputError> {
+/// [`InputError`] if a file is given twice, has other columns than the first, begins before the file in front of it ends, or, if
+/// `is_session_per_file`, has the name of another one.
+pub fn join(parts: Vec<Part<'_>>, is_session_per_file: bool) -> Result<Vec<Row>, InputError> {
     let names = |row: &Row| -> Vec<String> { row.fields().into_iter().map(|f| f.0).collect() };
     for (k, part) in parts.iter().enumerate().skip(1) {
         let earlier = &parts[..k];
@@ -44,18 +45,51 @@ pub fn join(parts: Vec<Part<'_>>) -> Result<Vec<Row>, InputError> {
             let found = format!("the same bytes as in {}", same.path.display());
             return Err(InputError::new(part.path, found, "another file"));
         }
-        let (first, own) = (parts[0].rows.first(), part.rows.first());
-        let (first, own) = (first.map(names), own.map(names));
-        if let (Some(first), Some(own)) = (first, own)
-            && first != own
+        if let (Some(first), Some(own)) = (parts[0].rows.first(), part.rows.first()) {
+            check_columns(part.path, &names(own), parts[0].path, &names(first))?;
+        }
+        let session = |part: &Part<'_>| part.rows.first().and_then(|row| row.session.clone());
+        if is_session_per_file
+            && let Some(same) = earlier.iter().find(|other| session(other) == session(part))
         {
-            let found = format!("the columns {}", own.join(", "));
-            let expected = format!("{}, as in {}", first.join(", "), parts[0].path.display());
+            let found = format!("the same name as that of {}", same.path.display());
+            let expected = "a name of its own for each session, with --session-per-file";
             return Err(InputError::new(part.path, found, expected));
         }
         check_time(&parts[k - 1], part)?;
     }
     Ok(parts.into_iter().flat_map(|part| part.rows).collect())
+}
+
+/// Checks that the columns of a file are those of the `first`.
+fn check_columns(
+    path: &Path,
+    own: &[String],
+    first: &Path,
+    of_first: &[String],
+) -> Result<(), InputError> {
+    let beyond = |these: &[String], those: &[String]| -> Vec<String> {
+        let is_beyond = |name: &&String| !those.contains(name);
+        these.iter().filter(is_beyond).cloned().collect()
+    };
+    let (more, fewer) = (beyond(own, of_first), beyond(of_first, own));
+    let listed = |names: &[String]| {
+        let plural = if names.len() == 1 { "" } else { "s" };
+        format!("column{plural} {}", names.join(", "))
+    };
+    let first = first.display();
+    let (found, expected) = match (more.is_empty(), fewer.is_empty()) {
+        (true, true) => return Ok(()),
+        (false, _) => (
+            format!("the {}", listed(&more)),
+            format!("only columns that {first} has"),
+        ),
+        (true, false) => (
+            format!("no {}", listed(&fewer)),
+            format!("the columns of {first}"),
+        ),
+    };
+    Err(InputError::new(path, found, expected))
 }
 
 /// Returns where the rows of each part stand in the measurement file; nothing for a single part.

@@ -74,9 +74,8 @@ pub fn import(raws: &[PathBuf], map: &Map) -> Result<Imported, InputError> {
     import_bytes(raws, &bytes, &[map], false)
 }
 
-/// Imports files whose contents are `bytes`; `raws` are their names. Each file has a map of its own, or that of the last in
-/// `maps`. `is_session_per_file` gives the rows of each file a
-/// session with the file's name.
+/// Imports files whose contents are `bytes`; `raws` are their names. Each file has its own of `maps`, or the last of them.
+/// `is_session_per_file` gives the rows of each file a session with the file's name.
 ///
 /// # Errors
 /// See [`import`].
@@ -87,16 +86,14 @@ pub fn import_bytes(
     is_session_per_file: bool,
 ) -> Result<Imported, InputError> {
     let map = maps[0];
-    // Files that belong together, row by row.
-    let files_of_a_part = match map.points.is_some() || map.join.is_some() {
-        true => 2,
-        false => 1,
+    let (files_of_a_part, expected) = match map.points.is_some() || map.join.is_some() {
+        true => (
+            2,
+            "two, the points or poses and then the joints, as the map has [points] or [join]",
+        ),
+        false => (1, "at least one"),
     };
-    if raws.is_empty() || raws.len() < files_of_a_part || (files_of_a_part > 1 && raws.len() > 2) {
-        let expected = match files_of_a_part {
-            1 => "one or more, as the map has neither [points] nor [join]",
-            _ => "two, the points or poses and then the joints, as the map has [points] or [join]",
-        };
+    if raws.len() < files_of_a_part || (files_of_a_part == 2 && raws.len() > 2) {
         let found = match raws.len() {
             1 => "1 file to import".to_owned(),
             count => format!("{count} files to import"),
@@ -131,7 +128,7 @@ pub fn import_bytes(
         parts.push(part);
     }
     notes.extend(campaign::note(&parts));
-    let rows = campaign::join(parts)?;
+    let rows = campaign::join(parts, is_session_per_file)?;
     let csv = write::csv(&rows, &sources);
     Ok(Imported { csv, rows, notes })
 }

@@ -86,12 +86,23 @@ fn files_that_do_not_belong_together_are_refused() {
         "named.csv",
         "session,q1_deg,q2_deg,x_mm,y_mm,z_mm\nday,3,4,3,4,6\n",
     );
+    folder.write("joints.csv", "q1_deg,q2_deg\n1,2\n");
+    folder.write("kuka.csv", "A1,A2,X,Y,Z,A,B,C\n1,2,3,4,5,0,0,0\n");
+    std::fs::create_dir(folder.path("later")).unwrap();
+    folder.write(
+        "later/mon.csv",
+        format!("{header}60,1,5,3,4,5\n90,2,3,5,5,7\n"),
+    );
     for line in [
         "import mon.csv again.csv --out all.csv",
         "import mon.csv tue.csv --out all.csv",
         "import mon.csv bad.csv --out all.csv",
         "import mon.csv more.csv --preset poegp --out all.csv",
         "import named.csv --session-per-file --out all.csv",
+        "import more.csv mon.csv --preset poegp --out all.csv",
+        "import mon.csv joints.csv --out all.csv",
+        "import mon.csv kuka.csv --out all.csv",
+        "import mon.csv later/mon.csv --session-per-file --out all.csv",
     ] {
         folder.refuses(line);
         assert!(!folder.path("all.csv").exists(), "{line}");

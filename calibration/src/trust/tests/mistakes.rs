@@ -279,6 +279,22 @@ fn an_axis_that_is_not_straight_is_no_second_arm() {
     }
 }
 
+/// Which of two targets is in sight may follow a joint. They are farther apart than an axis is crooked, or along the target's axes.
+#[test]
+fn two_targets_that_follow_a_joint_are_no_crooked_axis() {
+    for by in [20e-3, 0.6e-3] {
+        let mut poses = measured(Scenario::Paper, 160, 4);
+        for pose in poses.iter_mut().filter(|pose| pose.joints[0] > 0.0) {
+            pose.measured.translation += pose.measured.rotation * Vector3::new(by, -0.5 * by, 0.0);
+        }
+        let findings = examine(&poses);
+        let mixed = findings.0.iter().find(|f| f.cause == Cause::Mixed);
+        let is_target = mixed.is_some_and(|f| f.text.contains("another target"));
+        assert!(is_target, "{findings:?}");
+        assert_eq!(findings.is_refused(), by > 3e-3, "{findings:?}");
+    }
+}
+
 /// A wrong element of a stated coupling is named as it stands in the description. One that is off by as little as bars that are
 /// not made to size is only warned of.
 #[test]
