@@ -142,26 +142,38 @@ impl Commander {
         self.model.correct(self.of(joints), payload_kg)
     }
 
-    /// Returns the joints to command for the wanted `joints` of a single target.
+    /// Returns the joints to command for the wanted `joints` of a single target, to which the frame `flange_from_tool` moves.
     ///
     /// Beside singularities, [`Commander::correct`] gives up part of a correction, because it is also asked along paths: there
     /// joints would have to race. The controller plans the path to a target itself. So a target is corrected completely
     /// wherever no joint changes by more than [`MAX_JOINT_CHANGE`], and elsewhere as [`Commander::correct`] does; what then
     /// stays is that of the model at the answer, not an estimate.
-    pub fn correct_target(&self, joints: &Joints, payload_kg: f64) -> Corrected<f64> {
+    ///
+    /// An arm of fewer than six joints cannot turn its flange every way. It brings the origin of the tool to its target, and
+    /// the remaining errors are those of the tool.
+    pub fn correct_target(
+        &self,
+        joints: &Joints,
+        payload_kg: f64,
+        flange_from_tool: &Pose<f64>,
+    ) -> Corrected<f64> {
         let mut out = self.correct(joints, payload_kg);
-        let Some(wanted) = self.model.nominal(self.of(joints)) else {
+        let Some(nominal) = self.model.nominal(self.of(joints)) else {
             return out;
         };
+        let can_turn = self.kinds.len() >= 6;
         let is_complete = !out.status.contains(Status::PARTLY_CORRECTED);
-        if is_complete || out.status.contains(Status::BAD_INPUT) {
+        if is_complete && can_turn || out.status.contains(Status::BAD_INPUT) {
             return out;
         }
+        let tool = match can_turn {
+            true => Pose::identity(),
+            false => self.flange_from_target.inverse() * *flange_from_tool,
+        };
+        let wanted = nominal * tool;
         let found = self
             .model
-            .inverse(&wanted, self.of(&out.joints), payload_kg);
-        // Fewer than six joints cannot turn the target every way.
-        let can_turn = self.kinds.len() >= 6;
+            .tool_inverse(&wanted, &tool, self.of(&out.joints), payload_kg);
         let is_there = |position: f64, rotation: f64| {
             position <= CORRECTED_WITHIN && (rotation <= CORRECTED_WITHIN || !can_turn)
         };
@@ -176,7 +188,7 @@ impl Commander {
             out.joints = found.joints;
             out.applied = 1.0;
         }
-        let reached = self.evaluate(&out.joints, payload_kg).pose;
+        let reached = self.evaluate(&out.joints, payload_kg).pose * tool;
         (out.position_error, out.rotation_error) = pose_distance(&reached, &wanted);
         let is_there = is_there(out.position_error, out.rotation_error);
         out.status = out
@@ -191,13 +203,19 @@ impl Commander {
         self.model.evaluate(self.of(joints), payload_kg)
     }
 
-    /// Returns the joints of the target whose corrected command is `command`, or `None` if the search does not converge.
-    pub fn uncorrected_target(&self, command: &Joints, payload_kg: f64) -> Option<Joints> {
+    /// Returns the joints of the target whose corrected command is `command`, or `None` if the search does not converge. The
+    /// frame `flange_from_tool` moves to the target.
+    pub fn uncorrected_target(
+        &self,
+        command: &Joints,
+        payload_kg: f64,
+        flange_from_tool: &Pose<f64>,
+    ) -> Option<Joints> {
         let real = self.evaluate(command, payload_kg).pose;
         // Where the correction is complete, this is the answer.
         let mut joints = self.model.nominal_inverse(&real, self.of(command)).joints;
         for _ in 0..STEPS_BACK {
-            let there = self.correct_target(&joints, payload_kg);
+            let there = self.correct_target(&joints, payload_kg, flange_from_tool);
             if there.status.contains(Status::BAD_INPUT) {
                 return None;
             }
@@ -419,14 +437,14 @@ mod tests {
         let (mut complete, mut only_in_part, mut undone) = (0, 0, 0);
         for index in 0..200 {
             let joints = scattered(&commander, index);
-            let corrected = commander.correct_target(&joints, 2.0);
             let target = commander.flange_from_target;
+            let corrected = commander.correct_target(&joints, 2.0, &target);
             let wanted = commander.nominal_flange(&joints) * target;
             let left =
                 |to: &Joints| pose_distance(&(commander.real_flange(to, 2.0) * target), &wanted).0;
             assert!((left(&corrected.joints) - corrected.position_error).abs() < CORRECTED_WITHIN);
             assert!(left(&corrected.joints) <= left(&joints) + 1e-6, "{index}");
-            if let Some(back) = commander.uncorrected_target(&corrected.joints, 2.0) {
+            if let Some(back) = commander.uncorrected_target(&corrected.joints, 2.0, &target) {
                 assert!(joint_distance(&back, &joints) < 1e-8, "{index}");
                 undone += 1;
             }

@@ -10,6 +10,9 @@
 //! Fukushima, "On the rate of convergence of the Levenberg–Marquardt method"). J is the Jacobian of the chain; the
 //! correction changes it by some thousandths, so that the calibrated arm takes a step or two more than the nominal one.
 //!
+//! An arm of fewer than six joints cannot reach every pose: it reaches the position, and the rotation as nearly as that
+//! allows. In its errors a radian counts as much as a few millimetres ([`TURN_LENGTH`]).
+//!
 //! A step is taken only if the error shrinks, and the number of steps is bounded. So the answer is never farther from the
 //! wanted pose than the seed, and never contains a NaN. Inverse kinematics serves planning, not the cycle: no firmware calls
 //! it.
@@ -39,6 +42,9 @@ const MOST_STEPS: usize = 60;
 const LONGEST_STEP: f64 = 0.5;
 /// Error, in metres and radians, at which a search in `f64` ends; in `f32` it ends at a few roundings.
 const ARRIVED: f64 = 1e-12;
+/// Length in metres that a radian counts as where the arm cannot turn its target every way. The position then gives way by
+/// less than a micrometre to rotations of several milliradians.
+const TURN_LENGTH: f64 = 0.003;
 /// Damping factor μ at the seed, and the one at which a search gives up.
 const FIRST_DAMPING: f64 = 0.1;
 const MOST_DAMPING: f64 = 1e9;
@@ -162,7 +168,7 @@ struct Asked<'a, T> {
     believable: bool,
 }
 
-/// Current point of a search.
+/// Current point of a search; its cost is |displacement|² + the weight of rotations · |rotation|².
 struct At<T> {
     joints: PerJoint<T>,
     frames: JointFrames<T>,
@@ -201,6 +207,10 @@ fn search<'a, T: Scalar>(
         return as_it_came(Status::BAD_INPUT);
     }
     let chain = chain_of(arm);
+    let turn_weight = match chain.kinds().len() < 6 {
+        true => T::from_f64(TURN_LENGTH * TURN_LENGTH),
+        false => T::ONE,
+    };
     let look = |joints: &PerJoint<T>| {
         let mut motions = zero_joint_trig();
         arm.motions(joints, &mut motions);
@@ -213,7 +223,7 @@ fn search<'a, T: Scalar>(
             frames,
             pose,
             error,
-            cost: position + rotation,
+            cost: position + turn_weight * rotation,
         }
     };
     let mut at = look(&joints);
@@ -234,7 +244,7 @@ fn search<'a, T: Scalar>(
         let lambda = damping * at.cost + T::ROUNDING;
         equations.factor(&Damping {
             position: lambda,
-            rotation: lambda,
+            rotation: lambda / turn_weight,
         });
         let step = equations.joints_of(&equations.solve(&at.error));
         let next = look(&stepped(&at.joints, &step));

@@ -2,6 +2,7 @@
 //! joint over a boundary. With the old number the controller would go a whole turn round, or stop.
 
 use poegp_calibration::blob::commander::{Commander, Joints};
+use poegp_runtime::math::se3::Pose;
 use poegp_trainer::robot_programs::correction::posture::{Sides, sides};
 use poegp_trainer::robot_programs::dialect::Orientation;
 
@@ -118,7 +119,7 @@ fn flipped(commander: &Commander) -> Joints {
         joints
     };
     let flips = |joints: &Joints| {
-        let to = commander.correct_target(joints, 2.5);
+        let to = commander.correct_target(joints, 2.5, &Pose::identity());
         to.joints[4] * joints[4] < 0.0
     };
     let near = (1..200).flat_map(|k| [1e-5, -1e-5].map(|step| step * f64::from(k)));
@@ -275,7 +276,9 @@ fn a_line_is_followed_to_its_end() {
             .run("correct elas.blob a.src --payload-kg 2.5 --out out.src")
             .ok();
         assert!(!outcome.stdout.contains("does not keep"), "{outcome:#?}");
-        let command = commander.correct_target(&joints, 2.5).joints;
+        let command = commander
+            .correct_target(&joints, 2.5, &Pose::identity())
+            .joints;
         let wanted = commander.nominal_flange(&command).translation;
         let written = numbers_after(&folder.read("out.src"), "LIN {X ", 3);
         let off = (wanted - nalgebra::Vector3::from_column_slice(&written) / 1000.0).norm();

@@ -1,8 +1,14 @@
 //! Arms of fewer than six axes. Their slides may be behind revolute joints, as a SCARA's: seeds of tables, and programs, whose
 //! axes would be exchanged. Their wrist may be passive, as a palletizer's.
 
+use std::fmt::Write as _;
+
+use nalgebra::Vector3;
+use poegp_calibration::robot::normal_form::translation;
+use poegp_runtime::math::se3::Pose;
+
 use crate::program::Folder;
-use crate::programs::numbers_after;
+use crate::programs::{commander, numbers_after};
 use crate::texts::texts;
 
 const SCARA: &str = r#"
@@ -161,5 +167,87 @@ fn a_passive_joint_is_never_moved() {
             left.len() == 100 && left.iter().all(|um| *um < 2.0),
             "{left:?}"
         );
+    }
+}
+
+/// These arms cannot correct the orientation. What is wrong with it must not move the tool, which is 0.5 m from the target
+/// that was measured.
+#[test]
+fn the_tool_of_a_program_reaches_its_target() {
+    let folder = Folder::new();
+    folder.write("scara.toml", SCARA);
+    folder.write("palletizer.toml", PALLETIZER);
+    let tool = translation(0.3, -0.2, 0.35);
+    let frames = "[tool.gripper]\nxyz_mm = [300, -200, 350]\nquaternion = [1, 0, 0, 0]\n";
+    folder.write("frames.toml", frames);
+    for (arm, method) in [("scara", "poe"), ("palletizer", "elastic")] {
+        let line = format!(
+            "simulate --robot {arm}.toml --poses 40 --test-sets 0 --payloads 1,5 --seed 3 --out {arm}"
+        );
+        folder.run(&line).ok();
+        let line =
+            format!("calibrate --robot {arm}.toml {arm}/train.csv --method {method} --out m.blob");
+        folder.run(&line).ok();
+        let commander = commander(&folder, "m.blob");
+        let (middle, kinds) = (commander.middle(), commander.kinds().len());
+        // The passive joint of the palletizer stays at zero.
+        let passive = (arm == "palletizer").then_some(3);
+        let joints = |k: u32| {
+            let mut joints = middle;
+            for (i, q) in joints[..kinds].iter_mut().enumerate() {
+                let share = (f64::from(k) * 0.618 + i as f64 * 0.37).fract() - 0.5;
+                *q = if passive == Some(i) {
+                    0.0
+                } else {
+                    *q + 0.1 * share
+                };
+            }
+            joints
+        };
+        let mut table = "x_mm,y_mm,z_mm,qw,qx,qy,qz,tool".to_owned();
+        for i in 0..kinds {
+            let unit = if (arm, i) == ("scara", 2) { "m" } else { "rad" };
+            // Cannot fail: the output is a string.
+            let _ = write!(table, ",seed_q{}_{unit}", i + 1);
+        }
+        let wanted = |k: u32| commander.nominal_flange(&joints(k)) * tool;
+        for k in 0..8 {
+            let (at, (w, v)) = (1e3 * wanted(k).translation, wanted(k).quaternion());
+            let seeds = joints(k)[..kinds]
+                .iter()
+                .map(f64::to_string)
+                .collect::<Vec<_>>()
+                .join(",");
+            let [x, y, z] = [at[0], at[1], at[2]];
+            let _ = write!(
+                table,
+                "\n{x},{y},{z},{w},{},{},{},gripper,{seeds}",
+                v[0], v[1], v[2]
+            );
+        }
+        folder.write("poses.csv", format!("{table}\n"));
+        let line = "correct m.blob poses.csv --payload-kg 1 --frames frames.toml --out out.csv";
+        folder.run(line).ok();
+        let text = folder.text("out.csv");
+        for (k, row) in (0..8).zip(text.lines().skip(1)) {
+            let numbers: Vec<f64> = row.split(',').filter_map(|n| n.parse().ok()).collect();
+            let written = Pose::from_quaternion(
+                numbers[3],
+                &Vector3::from_column_slice(&numbers[4..7]),
+                Vector3::from_column_slice(&numbers[..3]) / 1e3,
+            );
+            let flange = written * tool.inverse();
+            // What a controller makes of a pose whose numbers are rounded.
+            let command = commander.nominal_joints(&flange, &joints(k)).joints;
+            let reached = commander.real_flange(&command, 1.0) * tool;
+            let flange_alone = commander.correct_target(&joints(k), 1.0, &Pose::identity());
+            let off = |pose: Pose<f64>| 1e6 * (pose.translation - wanted(k).translation).norm();
+            let (off, without) = (
+                off(reached),
+                off(commander.real_flange(&flange_alone.joints, 1.0) * tool),
+            );
+            println!("{arm} {k}: {off:.2} um; with the flange in its place {without:.0} um");
+            assert!(off < 3.0 && without > 50.0, "{arm} {k}: {off} {without}");
+        }
     }
 }

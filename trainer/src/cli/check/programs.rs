@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::cli::correct::record::{Record, Target, program_of, record_path, sha256};
@@ -13,6 +12,7 @@ use poegp_calibration::blob::commander::{Commander, Joints};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::numeric::statistics::Summary;
+use poegp_calibration::robot::normal_form::translation;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::guard::status::Status;
 
@@ -199,7 +199,13 @@ fn moved(commander: &Commander, target: &Target) -> Option<f64> {
         out[..q.len()].copy_from_slice(q);
         out
     };
-    let now = commander.correct_target(&padded(&target.joints), target.payload_kg);
+    let [x, y, z] = target.tool_m;
+    let flange_from_tool = translation(x, y, z);
+    let now = commander.correct_target(
+        &padded(&target.joints),
+        target.payload_kg,
+        &flange_from_tool,
+    );
     let refused = [Status::CORRECTION_LIMITED, Status::BAD_INPUT];
     let trust = commander
         .evaluate(&padded(&target.joints), target.payload_kg)
@@ -210,10 +216,9 @@ fn moved(commander: &Commander, target: &Target) -> Option<f64> {
     {
         return None;
     }
-    let tool = Vector3::from(target.tool_m);
     let goes = |command: &Joints| {
-        let flange = commander.real_flange(command, target.payload_kg);
-        flange.translation + flange.rotation * tool
+        let tool = commander.real_flange(command, target.payload_kg) * flange_from_tool;
+        tool.translation
     };
     Some(1e3 * (goes(&padded(&target.command)) - goes(&now.joints)).norm())
 }

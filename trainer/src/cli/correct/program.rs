@@ -9,6 +9,7 @@ use crate::cli::correct::page::page;
 use crate::cli::correct::paths::{Files, Paths, Texts};
 use crate::cli::correct::record::{Corrector, Record, record_path, sha256};
 use crate::cli::correct::sources::Sources;
+use crate::cli::correct::summary::short_length;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
 use crate::cli::output::{check_outputs, document_text, json_text, write_outputs};
@@ -348,9 +349,13 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
     if let (Some(before), Some(after), false) = (&d.before_mm, &d.after_um, a.inverse) {
         report.line(format_args!(
             "According to the model, the tool error at the corrected targets is {:.3} mm on average and {:.3} mm at \
-             most without the correction, {:.2} µm on average and {:.2} µm at most with it, and up to {:.2} µm more \
+             most without the correction, {} on average and {} at most with it, and up to {} more \
              from the decimals of the file.",
-            before.mean, before.max, after.mean, after.max, d.rounding_um
+            before.mean,
+            before.max,
+            short_length(after.mean),
+            short_length(after.max),
+            short_length(d.rounding_um)
         ));
     }
     if let Some(s) = &d.split {

@@ -6,6 +6,7 @@ use poegp_protocol::link::Query;
 use poegp_runtime::correct::Corrected;
 use poegp_runtime::math::se3::Pose;
 
+use poegp_calibration::blob::commander::pose_distance;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::measurement::JointColumn;
 use poegp_calibration::measurement::joint_targets::{NewFields, Target};
@@ -16,8 +17,8 @@ pub struct Row {
     pub line: usize,
     pub query: Query,
     pub answer: Corrected<f32>,
-    /// Distance of the uncorrected arm from the target, m.
-    pub shift: f64,
+    /// Distance in m and rotation in rad between the uncorrected arm and the target.
+    pub shift: [f32; 2],
     pub trust: f32,
 }
 
@@ -71,13 +72,13 @@ pub fn correct(loaded: &BlobModel, target: &Target<'_>, payload_kg: f64) -> Row 
     let answer = model.correct(&query.joints, query.payload_kg);
     let now = model.evaluate(&query.joints, query.payload_kg);
     let apart = |target: Pose<f32>| {
-        let (a, b) = (target.translation, now.pose.translation);
-        (a.map(f64::from) - b.map(f64::from)).norm()
+        let (distance, angle) = pose_distance(&target.cast(), &now.pose.cast());
+        [distance as f32, angle as f32]
     };
     Row {
         line: target.line,
         answer,
-        shift: model.nominal(&query.joints).map_or(0.0, apart),
+        shift: model.nominal(&query.joints).map_or([0.0; 2], apart),
         trust: now.trust,
         query,
     }

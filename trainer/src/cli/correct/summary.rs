@@ -40,8 +40,12 @@ pub struct CorrectJson<'a> {
     largest_change_mm: Option<Change>,
     /// Distance of the arm from its targets when the commands are not corrected, predicted by the model.
     shift_mm: Summary,
+    /// Rotation between the arm and its targets when the commands are not corrected, predicted by the model.
+    shift_mrad: Summary,
     /// Distance of the arm from its targets with the corrected commands, predicted by the model.
     remaining_um: Summary,
+    /// Rotation between the arm and its targets with the corrected commands, predicted by the model.
+    remaining_mrad: Summary,
     trust: TrustSummary,
     /// Lines of rows whose corrected joints exceed a limit that the original command kept.
     beyond_limits: Vec<u32>,
@@ -80,14 +84,15 @@ const FAR: u8 = 1 << 5;
 const BEYOND_LIMITS: u8 = 1 << 6;
 const LEFT_ALONE: u8 = 1 << 7;
 
-/// Running sums of the rows so far; they keep 17 bytes of each row.
+/// Running sums of the rows so far; they keep 21 bytes of each row.
 #[derive(Default)]
 pub struct Summed {
     lines: Vec<u32>,
     flags: Vec<u8>,
-    shifts: Vec<f64>,
-    /// Remaining position errors, m.
-    remaining: Vec<f32>,
+    /// Errors of the uncorrected commands: position in m and rotation in rad.
+    shifts: [Vec<f32>; 2],
+    /// Remaining errors of the corrected commands: position in m and rotation in rad.
+    remaining: [Vec<f32>; 2],
     trust_sum: f64,
     least_trust: Option<f32>,
     /// Largest change of a revolute joint in degrees and of a prismatic joint in mm, each with the joint's index
@@ -104,8 +109,12 @@ impl Summed {
     pub fn extend(&mut self, later: Self) {
         self.lines.extend(later.lines);
         self.flags.extend(later.flags);
-        self.shifts.extend(later.shifts);
-        self.remaining.extend(later.remaining);
+        for (all, later) in self.shifts.iter_mut().zip(later.shifts) {
+            all.extend(later);
+        }
+        for (all, later) in self.remaining.iter_mut().zip(later.remaining) {
+            all.extend(later);
+        }
         self.trust_sum += later.trust_sum;
         let least = [self.least_trust, later.least_trust];
         self.least_trust = least.into_iter().flatten().reduce(f32::min);
@@ -175,8 +184,11 @@ impl<'a> Summing<'a> {
         );
         sum.lines.push(line);
         sum.flags.push(flags);
-        sum.shifts.push(1e3 * row.shift);
-        sum.remaining.push(answer.position_error);
+        for (all, shift) in sum.shifts.iter_mut().zip(row.shift) {
+            all.push(shift);
+        }
+        sum.remaining[0].push(answer.position_error);
+        sum.remaining[1].push(answer.rotation_error);
         sum.trust_sum += f64::from(row.trust);
         sum.least_trust = Some(sum.least_trust.map_or(row.trust, |t| t.min(row.trust)));
         for (joint, column) in self.columns.iter().enumerate() {
@@ -207,7 +219,10 @@ impl<'a> Summing<'a> {
                 line,
             })
         };
-        let remaining = all.remaining.iter().map(|m| 1e6 * f64::from(*m));
+        let summary = |errors: &[f32], factor: f64| {
+            let scaled = errors.iter().map(|e| factor * f64::from(*e));
+            Summary::new(&scaled.collect::<Vec<_>>())
+        };
         CorrectJson {
             version: env!("CARGO_PKG_VERSION"),
             method,
@@ -219,8 +234,10 @@ impl<'a> Summing<'a> {
             flagged: flagged.filter(|f| !f.lines.is_empty()).collect(),
             largest_change_deg: change(0),
             largest_change_mm: change(1),
-            shift_mm: Summary::new(&all.shifts),
-            remaining_um: Summary::new(&remaining.collect::<Vec<_>>()),
+            shift_mm: summary(&all.shifts[0], 1e3),
+            shift_mrad: summary(&all.shifts[1], 1e3),
+            remaining_um: summary(&all.remaining[0], 1e6),
+            remaining_mrad: summary(&all.remaining[1], 1e3),
             trust: TrustSummary {
                 mean: (all.trust_sum / all.lines.len().max(1) as f64) as f32,
                 least: all.least_trust.unwrap_or(1.0),
@@ -269,8 +286,18 @@ pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
     let s = &d.shift_mm;
     report.line(format_args!(
         "According to the model, the target is off by {:.3} mm on average, {:.3} mm for 95 % and {:.3} mm at most if \
-         uncorrected; by {:.2} µm on average and {:.2} µm at most if corrected.",
-        s.mean, s.p95, s.max, d.remaining_um.mean, d.remaining_um.max
+         uncorrected; by {} on average and {} at most if corrected.",
+        s.mean,
+        s.p95,
+        s.max,
+        short_length(d.remaining_um.mean),
+        short_length(d.remaining_um.max)
+    ));
+    let (s, left) = (&d.shift_mrad, &d.remaining_mrad);
+    report.line(format_args!(
+        "Its orientation is off by {:.3} mrad on average, {:.3} mrad for 95 % and {:.3} mrad at most if uncorrected; by \
+         {:.3} mrad on average and {:.3} mrad at most if corrected.",
+        s.mean, s.p95, s.max, left.mean, left.max
     ));
     for flagged in &d.flagged {
         report.line(format_args!(
@@ -292,6 +319,15 @@ pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
     }
     if let Some(text) = beyond_limits(d) {
         report.line(format_args!("{WARNING}{text}"));
+    }
+}
+
+/// Formats a length in micrometres, or in millimetres from 0.1 mm on.
+pub fn short_length(um: f64) -> String {
+    if um < 100.0 {
+        format!("{um:.2} µm")
+    } else {
+        format!("{:.3} mm", 1e-3 * um)
     }
 }
 

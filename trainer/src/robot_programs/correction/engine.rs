@@ -177,13 +177,14 @@ pub fn corrected(
 ) -> Result<Solved, String> {
     let target = &program.targets[planned.target];
     let (joints, kg) = (planned.joints, planned.payload_kg);
+    let (tool, _) = frames_of(program, target);
     let wanted = match direction {
         Direction::Correct => joints,
         Direction::Inverse => commander
-            .uncorrected_target(&joints, kg)
+            .uncorrected_target(&joints, kg, &tool)
             .ok_or("no target is corrected to it")?,
     };
-    let corrected = commander.correct_target(&wanted, kg);
+    let corrected = commander.correct_target(&wanted, kg, &tool);
     let status = corrected.status;
     if status.contains(Status::CORRECTION_LIMITED) || status.contains(Status::BAD_INPUT) {
         return Err(beyond_payloads(commander, &wanted, kg)
@@ -212,7 +213,6 @@ pub fn corrected(
             joint + 1
         ));
     }
-    let (tool, _) = frames_of(program, target);
     let nominal = commander.nominal_flange(&wanted) * tool;
     let real = |q: &Joints| commander.real_flange(q, kg) * tool;
     let (after, after_turned) = pose_distance(&nominal, &real(&corrected.joints));
@@ -247,7 +247,7 @@ fn unused_payload(commander: &Commander, kg: f64) -> Option<String> {
 fn beyond_payloads(commander: &Commander, wanted: &Joints, kg: f64) -> Option<String> {
     let (light, heavy) = commander.payloads()?;
     let trained = kg.clamp(light, heavy);
-    let status = commander.correct_target(wanted, trained).status;
+    let status = commander.correct(wanted, trained).status;
     let is_answered = ![Status::CORRECTION_LIMITED, Status::BAD_INPUT]
         .into_iter()
         .any(|bit| status.contains(bit));

@@ -275,8 +275,9 @@ fn commanded(
     target: &Target,
     (joints, kg): (&Joints, f64),
 ) -> Pose<f64> {
-    let corrected = commander.correct_target(joints, kg).joints;
-    commander.nominal_flange(&corrected) * frames_of(program, target).0
+    let (tool, _) = frames_of(program, target);
+    let corrected = commander.correct_target(joints, kg, &tool).joints;
+    commander.nominal_flange(&corrected) * tool
 }
 
 fn payload_of(program: &Program, target: usize, payload: Payload) -> Result<f64, Refused> {
