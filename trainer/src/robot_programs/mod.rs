@@ -95,6 +95,18 @@ pub enum NoProgram {
         /// Name of the slide.
         joint: String,
     },
+    /// A joint has no axis of the controller. The joints after it are axes of other numbers, which differ between controllers.
+    #[error(
+        "joint {number} (\"{joint}\") of {robot} is passive, and controllers number the axes of such arms differently"
+    )]
+    Passive {
+        /// Name of the robot.
+        robot: String,
+        /// Number of the passive joint, from 1.
+        number: usize,
+        /// Name of the passive joint.
+        joint: String,
+    },
 }
 
 /// Returns the index of the first slide behind a revolute joint. A slide in front of all revolute joints is a rail or a gantry.
@@ -135,6 +147,13 @@ pub fn program(
             robot: robot.name.clone(),
             number: slide + 1,
             joint: robot.joints[slide].name.clone(),
+        });
+    }
+    if let Some(passive) = (0..joints).find(|joint| robot.is_passive(*joint)) {
+        return Err(NoProgram::Passive {
+            robot: robot.name.clone(),
+            number: passive + 1,
+            joint: robot.joints[passive].name.clone(),
         });
     }
     if !fits {

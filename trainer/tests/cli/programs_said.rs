@@ -1,7 +1,7 @@
 //! `trainer correct` of robot programs: what it says where it would do the wrong thing, or did nothing.
 
 use crate::program::Folder;
-use crate::programs::folder;
+use crate::programs::{commander, folder, numbers_after};
 use crate::texts::texts;
 
 const NO_AXES: &str = "[9E9,9E9,9E9,9E9,9E9,9E9]";
@@ -47,6 +47,89 @@ fn the_inverse_of_a_program_without_a_record_is_warned_of() {
     folder.write("b.dat", "DEFDAT B\nENDDAT\n");
     correct("b.src --out c.src");
     assert!(!correct("c.src --inverse --out d.src").contains(NO_RECORD));
+}
+
+/// The arm stood at joints that were taught: the converted program says where its real tool was, and correcting that gives the
+/// taught joints.
+#[test]
+fn taught_targets_are_converted_without_a_record() {
+    let folder = folder();
+    folder.write("taught.mod", joints());
+    let correct = |line: &str| {
+        let line = format!("correct elas.blob {line} --payload-kg 2.5");
+        folder.run(&line).ok()
+    };
+    let said = correct("taught.mod --taught --out offline.mod");
+    assert!(!said.stderr.contains(NO_RECORD), "{}", said.stderr);
+    assert!(
+        said.stdout.contains("1 target converted"),
+        "{}",
+        said.stdout
+    );
+    let [taught, offline] = ["taught.mod", "offline.mod"].map(|name| {
+        let all = numbers_after(&folder.read(name), "MoveAbsJ [", 6);
+        <[f64; 6]>::try_from(all).unwrap().map(f64::to_radians)
+    });
+    let commander = commander(&folder, "elas.blob");
+    let padded = |q: [f64; 6]| {
+        let mut joints = [0.0; 8];
+        joints[..6].copy_from_slice(&q);
+        joints
+    };
+    let stood = commander.real_flange(&padded(taught), 2.5).translation;
+    let found = commander.nominal_flange(&padded(offline)).translation;
+    let nominal = commander.nominal_flange(&padded(taught)).translation;
+    assert!((stood - found).norm() < 5e-6, "{stood} {found}");
+    assert!((stood - nominal).norm() > 1e-4, "{stood} {nominal}");
+    correct("offline.mod --out again.mod");
+    let again = numbers_after(&folder.read("again.mod"), "MoveAbsJ [", 6);
+    for (q, taught) in again.iter().zip(taught) {
+        assert!((q.to_radians() - taught).abs() < 2e-6, "{again:?}");
+    }
+}
+
+/// A payload or a frame that is not the one in use moves targets by tenths of a millimetre.
+#[test]
+fn what_a_program_states_and_nothing_uses_is_said() {
+    let folder = folder();
+    folder.write(
+        "f.toml",
+        "[tool.gun]\nxyz_mm = [30, -45, 210]\nquaternion = [1, 0, 0, 0]\n",
+    );
+    folder.write("t.csv", "x_mm,y_mm,z_mm,qw,qx,qy,qz,tool,seed_q1_deg,seed_q2_deg,seed_q3_deg,seed_q4_deg,seed_q5_deg,seed_q6_deg\n1250,-180,1320,0.1830127,0.6830127,-0.1830127,0.6830127,gun,8,22,1,-14,46,24\n");
+    let said = folder
+        .run("correct elas.blob t.csv --payload-kg 2.5 --frames f.toml --out o.csv")
+        .ok()
+        .stdout;
+    for text in [
+        "taught on the uncorrected arm",
+        "the target's mounting was not stated",
+    ] {
+        assert!(said.contains(text), "{said}");
+    }
+    folder.write("a.mod", joints());
+    let said = folder
+        .run("correct elas.blob a.mod --payload-kg 2.5 --out o.mod")
+        .ok()
+        .stdout;
+    assert!(!said.contains("note: "), "{said}");
+    let gun =
+        "PERS tooldata gun:=[TRUE,[[30,-45,210],[1,0,0,0]],[4.5,[0,0,15],[1,0,0,0],0,0,0]];\n";
+    let text = joints()
+        .replace("tool0", "gun")
+        .replace("PROC main", &format!("{gun}PROC main"));
+    folder.write("b.mod", text);
+    let said = folder
+        .run("correct elas.blob b.mod --payload-kg 2.5 --out o.mod")
+        .ok()
+        .stdout;
+    assert!(
+        said.contains("payloads of 4.5 kg, which are not used"),
+        "{said}"
+    );
+    folder
+        .run("correct elas.blob b.mod --payload-kg 4.5 --out o.mod")
+        .ok();
 }
 
 /// Five joints, for controllers' languages with six axes.

@@ -161,6 +161,32 @@ fn a_line_with_a_time_of_its_own_is_not_split() {
     }
 }
 
+/// Where the line ends in a stop, the copies pass.
+#[test]
+fn inserted_targets_of_a_script_do_not_stop() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.script")).into_owned();
+    let own = ", a=1.2, v=0.25, r=0.001)";
+    for (arguments, of_copy) in [
+        (", a=1.2, v=0.25)", ", a=1.2, v=0.25, r=0.001)"),
+        (", a=1.2, v=0.25, r=0)", ", a=1.2, v=0.25, r=0.001)"),
+        (",1.2,0.25)", ",1.2,0.25, r=0.001)"),
+        (",1.2,0.25,0,0)", ",1.2,0.25,0,0.001)"),
+        (", a=1.2, v=0.25, r=0.02)", ", a=1.2, v=0.25, r=0.02)"),
+    ] {
+        folder.write("a.script", text.replace(own, arguments));
+        let line = "correct elas.blob a.script --payload-kg 2.5 --split 0.01 --out b.script";
+        assert_eq!(folder.run(line).code, Some(1), "the arc is left");
+        let split = folder.text("b.script");
+        let spans = inserted(&folder, "b.script");
+        assert_eq!(spans.len(), 1);
+        let (start, end) = spans[0];
+        let copy = split[start..end].trim_end();
+        assert!(copy.ends_with(of_copy), "{arguments}: {copy}");
+        assert!(split[end..].contains(arguments), "{arguments}: {split}");
+    }
+}
+
 /// In three languages, `--inverse` gives the program back; a model that corrects nothing inserts nothing.
 #[test]
 fn a_split_program_comes_back() {

@@ -139,6 +139,26 @@ fn column(csv: &str, name: &str) -> Vec<f64> {
         .collect()
 }
 
+/// Controllers leave out the passive joint: the gripper is axis 4, 5 or 6.
+#[test]
+fn programs_for_a_passive_joint_are_refused() {
+    let _texts = texts();
+    let folder = Folder::new();
+    folder.write("arm.toml", PALLETIZER);
+    folder.refuses("plan --robot arm.toml --count 12 --no-forecast --out plan.csv --rapid a.mod");
+    let line = "simulate --robot arm.toml --poses 40 --test-sets 0 --payloads 1 --seed 3 --out s";
+    folder.run(line).ok();
+    folder
+        .run("calibrate --robot arm.toml s/train.csv --method poe --out m.blob")
+        .ok();
+    folder.write(
+        "a.mod",
+        "MODULE a\n  PROC main()\n    MoveAbsJ [[10,20,30,0,0,60],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n  \
+         ENDPROC\nENDMODULE\n",
+    );
+    folder.refuses("correct m.blob a.mod --payload-kg 1 --out out.mod");
+}
+
 #[test]
 fn a_passive_joint_is_never_moved() {
     let folder = Folder::new();

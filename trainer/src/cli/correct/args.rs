@@ -6,6 +6,7 @@ use clap::Args;
 
 use crate::cli::args::heading;
 use crate::cli::failure::Failure;
+use crate::robot_programs::correction::engine::Direction;
 
 /// `trainer correct`.
 #[derive(Debug, Args)]
@@ -16,6 +17,7 @@ use crate::cli::failure::Failure;
     from --frames. Targets are corrected completely, also near singularities, unless a joint would move by more than 0.1 rad \
     (or 0.1 m). The command lists each target that it cannot correct, or only in part, and ends with exit code 1. It writes a \
     record, OUT.poegp.json, beside the program.\n\n\
+    Correct targets that were computed. Targets, tools and frames that were taught on the arm contain its error already.\n\n\
     In a CSV file of joint targets, it changes the joint columns and adds five: position_error_um and \
     rotation_error_urad (the remaining error, according to the model), applied (the share of the error that is \
     corrected, 0 to 1), status (ok, or the reason) \
@@ -55,14 +57,29 @@ pub struct Correct {
     #[arg(long, value_name = "TOL_MM", conflicts_with = "inverse", help_heading = heading::PROGRAMS)]
     pub split: Option<f64>,
     /// Restore a corrected program to the nominal arm.
-    #[arg(long, help_heading = heading::PROGRAMS)]
+    #[arg(long, conflicts_with = "taught", help_heading = heading::PROGRAMS)]
     pub inverse: bool,
+    /// Convert targets that were taught on this arm into the poses that its real tool had there. A taught target is not to
+    /// be corrected: it already contains the arm's error.
+    #[arg(long, conflicts_with = "split", help_heading = heading::PROGRAMS)]
+    pub taught: bool,
     /// Print what the command would do, without writing the program or its record.
     #[arg(long, help_heading = heading::PROGRAMS)]
     pub dry_run: bool,
     /// Write an HTML report: every target before and after, and the remaining errors.
     #[arg(long, value_name = "FILE", help_heading = heading::PROGRAMS)]
     pub report: Option<PathBuf>,
+}
+
+impl Correct {
+    /// Returns the direction of the conversion, and the participle that describes it.
+    pub fn direction(&self) -> (Direction, &'static str) {
+        match (self.inverse, self.taught) {
+            (true, _) => (Direction::Inverse, "restored"),
+            (_, true) => (Direction::Inverse, "converted"),
+            _ => (Direction::Correct, "corrected"),
+        }
+    }
 }
 
 /// Returns the error for a table with payloads and --payload-kg.

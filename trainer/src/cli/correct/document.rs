@@ -35,6 +35,9 @@ pub struct ProgramJson {
     /// Distance of the tool from its targets with correction, predicted by the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub after_um: Option<Summary>,
+    /// Standard deviation of the model's predictions at the targets, for a coordinate of a measured position.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub predictive_std_mm: Option<Summary>,
     /// Error that remains because the format limits the number of decimals.
     pub rounding_um: f64,
     /// Lines and targets of `--split`.
@@ -113,6 +116,8 @@ pub fn document(
         let values: Vec<f64> = outcome.solved.iter().map(value).collect();
         (!values.is_empty()).then(|| Summary::new(&values))
     };
+    let sigmas = outcome.solved.iter().filter_map(|s| s.sigma);
+    let sigmas: Vec<f64> = sigmas.map(|sigma| 1e3 * sigma).collect();
     let left = outcome.left.iter().map(|left| {
         let source = &program.sources[left.location.file];
         let (line, column) = source.line_and_column(left.location.at);
@@ -123,22 +128,7 @@ pub fn document(
             reason: left.reason.clone(),
         }
     });
-    let mut is_used = vec![false; program.frames.len()];
-    for target in &program.targets {
-        // Joint targets have no base.
-        let base = target
-            .base
-            .filter(|_| matches!(target.goal, Goal::Pose { .. }));
-        for index in base.into_iter().chain(target.tool) {
-            is_used[index] = true;
-        }
-    }
-    let used = program
-        .frames
-        .iter()
-        .enumerate()
-        .filter(|(index, _)| is_used[*index]);
-    let frames = used.map(|(_, frame)| FrameJson {
+    let frames = program.used_frames().map(|frame| FrameJson {
         name: frame.name.clone(),
         kind: if frame.is_tool { "tool" } else { "base" },
         from: frame.origin.clone(),
@@ -169,6 +159,7 @@ pub fn document(
         moved_deg: of(|s| s.moved.1.to_degrees()),
         before_mm: of(|s| 1e3 * s.before),
         after_um: of(|s| 1e6 * s.after),
+        predictive_std_mm: (!sigmas.is_empty()).then(|| Summary::of(sigmas)),
         rounding_um: 1e6 * outcome.rounding,
         split,
         between: between_json(program, between),

@@ -10,6 +10,7 @@ mod page;
 mod paths;
 mod program;
 pub mod record;
+mod remarks;
 mod row;
 mod sources;
 mod summary;
@@ -101,6 +102,7 @@ fn outputs<'a>(a: &'a Correct, targets: &Path) -> Result<Vec<Option<&'a Path>>, 
 fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     let of_programs = [
         a.inverse,
+        a.taught,
         a.payload_from_program,
         a.frames.is_some(),
         !a.with.is_empty(),
@@ -124,7 +126,7 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     }
     if of_programs.contains(&true) {
         return Err(Failure::Usage(format!(
-            "{}: --inverse, --payload-from-program, --frames, --with, --split, --dry-run and --report are for robot programs",
+            "{}: --inverse, --taught, --payload-from-program, --frames, --with, --split, --dry-run and --report are for robot programs",
             targets.display()
         )));
     }

@@ -8,10 +8,11 @@ use crate::cli::correct::document::{LeftJson, ProgramJson, SplitJson, document};
 use crate::cli::correct::page::page;
 use crate::cli::correct::paths::{Files, Paths, Texts};
 use crate::cli::correct::record::{Corrector, Record, record_path, sha256};
+use crate::cli::correct::remarks::remarks;
 use crate::cli::correct::sources::Sources;
 use crate::cli::correct::summary::short_length;
 use crate::cli::failure::Failure;
-use crate::cli::inputs::now;
+use crate::cli::inputs::{now, robot_of};
 use crate::cli::output::{check_outputs, document_text, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::report::{FileSummary, Provenance};
@@ -29,6 +30,7 @@ use poegp_calibration::blob::commander::Commander;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::some_of;
 use poegp_calibration::input_error::{InputError, counted};
+use poegp_calibration::robot::Robot;
 use poegp_protocol::JointKind;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 
@@ -71,10 +73,7 @@ pub fn corrected(
         robot: robot.name,
         joints: robot.joints.len(),
         sha256: &model,
-        direction: match a.inverse {
-            true => Direction::Inverse,
-            false => Direction::Correct,
-        },
+        direction: a.direction().0,
     };
     let Sources {
         all,
@@ -87,7 +86,7 @@ pub fn corrected(
         leave_out_unused_axes(&mut program, robot.joints.len());
     }
     if format != Format::Table {
-        refuse_slides(a, &program, &commander)?;
+        refuse_tables_only(a, &program, &robot_of(&loaded))?;
     }
     let mut outcome = engine::solve(&program, &commander, payload, corrector.direction)?;
     for (index, record) in &corrections {
@@ -101,7 +100,9 @@ pub fn corrected(
             earlier.refuse_copy(path, &commander, solved)?;
         }
     }
-    outcome.remarks.extend(unused_payload(a, format, &program));
+    outcome
+        .remarks
+        .extend(remarks(a, format, &program, loaded.host().gauge.tool));
     let (ends, split) = ends(a, &program, &commander, &mut outcome);
     let results = rewrite(&program, &outcome.replacements);
     let method = loaded.host().provenance.method;
@@ -199,32 +200,31 @@ fn other_settings(path: &Path, record: &Record) -> InputError {
     InputError::new(path, found, expected)
 }
 
-/// Returns the remark that the payloads of `--frames` are not used for a table, if it has any and `--payload-kg` is given.
-fn unused_payload(a: &Correct, format: Format, program: &Program) -> Option<String> {
-    let mut frames = program.frames.iter();
-    let has_payloads = frames.any(|frame| frame.payload_kg.is_some());
-    let kg = a
-        .payload_kg
-        .filter(|_| format == Format::Table && has_payloads)?;
-    Some(format!(
-        "payload_kg of the file of --frames is not used: all rows have the {kg} kg of --payload-kg"
-    ))
-}
-
-/// Refuses a controller's program for an arm with a slide. These languages have slides as external axes, whose targets stay
-/// as they are, and the numbers of their targets are angles.
-fn refuse_slides(a: &Correct, program: &Program, commander: &Commander) -> Result<(), InputError> {
-    let mut kinds = commander.kinds().iter();
-    let Some(slide) = kinds.position(|kind| *kind == JointKind::Prismatic) else {
-        return Ok(());
+/// Refuses a controller's program for an arm with a slide or a passive joint. These languages have slides as external axes,
+/// whose targets stay as they are, and the numbers of their targets are angles. Controllers number the axes of an arm with a
+/// passive joint differently.
+fn refuse_tables_only(a: &Correct, program: &Program, robot: &Robot) -> Result<(), InputError> {
+    let slide = |joint: &usize| robot.joints[*joint].kind == JointKind::Prismatic;
+    let passive = |joint: &usize| robot.is_passive(*joint);
+    let joints = 0..robot.joints.len();
+    let (joint, is, expected) = match (joints.clone().find(slide), joints.clone().find(passive)) {
+        (Some(joint), _) => (
+            joint,
+            "slides",
+            "a model of an arm whose joints all turn: the joints of such a target are angles",
+        ),
+        (None, Some(joint)) => (
+            joint,
+            "is passive",
+            "a model of an arm whose joints all have an axis: controllers number the axes of other arms differently",
+        ),
+        (None, None) => return Ok(()),
     };
     let found = format!(
-        "a program in {} for a model whose joint {} slides",
+        "a program in {} for a model whose joint {} {is}",
         program.language,
-        slide + 1
+        joint + 1
     );
-    let expected =
-        "a model of an arm whose joints all turn: the joints of such a target are angles";
     let help = "correct a table of poses or of joints (CSV), which has a column for every joint";
     Err(InputError::new(&a.programs[0], found, expected).with_help(help))
 }
@@ -236,7 +236,7 @@ fn ends(
     commander: &Commander,
     outcome: &mut Outcome,
 ) -> (Vec<Between>, Option<SplitJson>) {
-    if a.inverse {
+    if a.direction().0 == Direction::Inverse {
         return (Vec::new(), None);
     }
     let stretches = stretches(program, &outcome.solved);
@@ -318,9 +318,10 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
         1 => "one part of the program is not, or only partially".to_owned(),
         count => format!("{count} parts of the program are not, or only partially"),
     };
-    let done = match a.inverse {
-        true => "restored to the nominal arm",
-        false => "corrected",
+    let (direction, done) = a.direction();
+    let done = match direction {
+        Direction::Inverse => format!("{done} to the nominal arm"),
+        Direction::Correct => done.to_owned(),
     };
     report.line(format_args!(
         "Model `{}`: {} {done}, {} of joints and {} of poses; {left}.",
@@ -346,7 +347,8 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
             mm.mean, deg.mean, mm.max, deg.max
         ));
     }
-    if let (Some(before), Some(after), false) = (&d.before_mm, &d.after_um, a.inverse) {
+    if let (Some(before), Some(after), Direction::Correct) = (&d.before_mm, &d.after_um, direction)
+    {
         report.line(format_args!(
             "According to the model, the tool error at the corrected targets is {:.3} mm on average and {:.3} mm at \
              most without the correction, {} on average and {} at most with it, and up to {} more \
@@ -356,6 +358,12 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
             short_length(after.mean),
             short_length(after.max),
             short_length(d.rounding_um)
+        ));
+    }
+    if let (Some(sigma), Direction::Correct) = (&d.predictive_std_mm, direction) {
+        report.line(format_args!(
+            "The model itself is uncertain: predictive standard deviation {:.4} mm on average, {:.4} mm at most.",
+            sigma.mean, sigma.max
         ));
     }
     if let Some(s) = &d.split {
@@ -393,10 +401,12 @@ fn named(d: &ProgramJson, a: &Correct) -> Result<(), Failure> {
     if d.left.is_empty() {
         return Ok(());
     }
-    let what = match a.inverse {
-        true => "restored",
-        false => "corrected, or only partially",
+    let (direction, done) = a.direction();
+    let partially = match direction {
+        Direction::Inverse => "",
+        Direction::Correct => ", or only partially",
     };
+    let what = format!("{done}{partially}");
     let mut text = match d.left.len() {
         1 => format!("one part of the program is not {what}:"),
         count => format!("{count} parts of the program are not {what}:"),
@@ -408,15 +418,11 @@ fn named(d: &ProgramJson, a: &Correct) -> Result<(), Failure> {
     if groups.len() > NAMED {
         text += &format!("\n  and {} more, which --json names", groups.len() - NAMED);
     }
-    text += match (a.dry_run, a.inverse) {
-        _ if d.targets == 0 => match a.inverse {
-            true => "\nhelp: nothing was restored",
-            false => "\nhelp: nothing was corrected: the output equals the input",
-        },
-        (true, false) => "\nhelp: everything else would be corrected",
-        (true, true) => "\nhelp: everything else would be restored",
-        (false, false) => "\nhelp: everything else was corrected and written",
-        (false, true) => "\nhelp: everything else was restored and written",
+    text += &match (d.targets, a.dry_run) {
+        (0, true) => format!("\nhelp: nothing would be {done}"),
+        (0, false) => format!("\nhelp: nothing was {done}: the output equals the input"),
+        (_, true) => format!("\nhelp: everything else would be {done}"),
+        (_, false) => format!("\nhelp: everything else was {done} and written"),
     };
     Err(Failure::Quality(text))
 }

@@ -229,6 +229,7 @@ pub fn corrected(
         before: pose_distance(&nominal, &real(&wanted)).0,
         after,
         after_turned,
+        sigma: now.position_sigma,
         is_complete: !status.contains(Status::PARTLY_CORRECTED),
         status: now.status,
     })

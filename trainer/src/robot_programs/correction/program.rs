@@ -411,6 +411,21 @@ impl Program {
         index
     }
 
+    /// Returns the tools and bases that targets have.
+    pub fn used_frames(&self) -> impl Iterator<Item = &Frame> {
+        let mut is_used = vec![false; self.frames.len()];
+        for target in &self.targets {
+            // Joint targets have no base.
+            let is_pose = matches!(target.goal, Goal::Pose { .. });
+            let base = target.base.filter(|_| is_pose);
+            for index in base.into_iter().chain(target.tool) {
+                is_used[index] = true;
+            }
+        }
+        let frames = self.frames.iter().zip(is_used);
+        frames.filter_map(|(frame, is_used)| is_used.then_some(frame))
+    }
+
     /// Leaves the target or move at a location as it is, for a reason.
     pub fn leave(&mut self, location: Location, reason: impl Into<String>) {
         let reason = reason.into();

@@ -27,6 +27,8 @@ pub struct Solved {
     pub after: f64,
     /// Rotation that remains with correction, predicted by the model, in rad.
     pub after_turned: f64,
+    /// Standard deviation of a coordinate of the model's prediction, in m, if the model states one.
+    pub sigma: Option<f64>,
     /// Whether the correction is complete, as it is except near singularities.
     pub is_complete: bool,
     /// Status of the model's evaluation at the joints.

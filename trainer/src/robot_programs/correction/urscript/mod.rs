@@ -306,6 +306,7 @@ impl Reader<'_> {
         if is_timed || arguments.iter().any(is_named_time) {
             return;
         }
+        let blend = self.blend(line, &arguments);
         let Some((mut from, mut end)) = arguments.first().copied() else {
             return;
         };
@@ -325,9 +326,32 @@ impl Reader<'_> {
             before: Vec::new(),
             instruction: (text.byte(line.from), text.end_of(line.end - 1)),
             target: (text.byte(from), text.end_of(end - 1)),
-            blend: None,
+            blend,
             literal: Literal::Pose,
         });
+    }
+
+    /// Returns where a copy of a move that stops gets its blend radius, the fifth argument. `None` if the move has one.
+    fn blend(
+        &self,
+        line: &Line,
+        arguments: &[(usize, usize)],
+    ) -> Option<((usize, usize), &'static str)> {
+        let text = self.text;
+        let is_named = |(from, _): &&(usize, usize)| text.is(from + 1, b'=');
+        let named = arguments
+            .iter()
+            .filter(is_named)
+            .find(|(from, _)| text.name(*from) == "r")
+            .map(|(from, end)| (from + 2, *end));
+        let fifth = arguments.iter().filter(|a| !is_named(a)).nth(4).copied();
+        let Some((from, end)) = named.or(fifth) else {
+            let close = text.find(line.from + 2, line.end, b")");
+            let at = text.byte(close);
+            return Some(((at, at), ", r=0.001"));
+        };
+        let is_stop = end == from + 1 && text.number(from).is_some_and(|n| n.value == 0.0);
+        is_stop.then(|| ((text.byte(from), text.end_of(end - 1)), "0.001"))
     }
 
     fn location(&self, token: usize) -> Location {
