@@ -23,6 +23,7 @@ mod ratio;
 mod readings;
 mod repeated_moves;
 mod residuals;
+mod spread;
 #[cfg(test)]
 mod tests;
 mod tried_readings;
@@ -33,7 +34,6 @@ pub(crate) mod wording;
 use std::collections::HashSet;
 
 use nalgebra::Vector3;
-use poegp_protocol::JointKind;
 
 pub use poegp_protocol::cause::{Cause, Causes};
 
@@ -43,9 +43,8 @@ pub use crate::trust::residuals::{computed_by_model, overstated_noise};
 
 use crate::identification::alignment::{Alignment, LEVER, Row, align};
 use crate::measurement::MeasurementSet;
-use crate::measurement::folds::{PATH_ROWS, configurations, follow_one_path, held_out_together};
 use crate::measurement::sample::InstrumentSample;
-use crate::numeric::statistics::{distinct, median};
+use crate::numeric::statistics::median;
 use crate::robot::Robot;
 use crate::trust::copies::Copies;
 use crate::trust::geometry::{Geometry, Priors};
@@ -72,70 +71,6 @@ pub fn identify(
         out.0.extend(nominal_arm::examine(&data, gravity).findings);
     }
     out
-}
-
-/// Warns of rows that follow one path.
-fn one_path(samples: &[InstrumentSample]) -> Option<Finding> {
-    let text = "the rows follow one path: they do not show errors beside this path, or a delay between joints and poses; \
-                measure poses spread over the joint ranges, each with the robot at rest";
-    let (rows, least) = (samples.len() as f64, PATH_ROWS as f64);
-    follow_one_path(samples)
-        .then(|| Finding::new(Cause::Few, Tier::Warning, text.to_owned(), rows, least))
-}
-
-/// Warns of rows that are measured in stations, unless they merely repeat configurations.
-fn in_stations(samples: &[InstrumentSample], kinds: &[JointKind]) -> Option<Finding> {
-    let stations = held_out_together(samples, kinds).len();
-    let poses = configurations(samples, kinds).len();
-    let text = format!(
-        "the {poses} poses lie near each other at {stations} stations: they count as {stations} poses, and the expected error \
-         is that of poses at other stations; measure poses spread over the joint ranges"
-    );
-    (stations < poses).then(|| {
-        Finding::new(
-            Cause::Few,
-            Tier::Warning,
-            text,
-            stations as f64,
-            poses as f64,
-        )
-    })
-}
-
-/// Most values of a joint that are a grid, and fewest poses for each of them.
-const LEVELS: (usize, usize) = (12, 2);
-/// Smallest difference of two levels, in rad or m.
-const LEVEL: f64 = 2e-3;
-
-/// Warns of joints that take few different values each.
-fn on_a_grid(samples: &[InstrumentSample], kinds: &[JointKind]) -> Option<Finding> {
-    let levels = |joint: usize| {
-        let mut values = distinct(samples.iter().map(|s| s.joints[joint]));
-        values.dedup_by(|a, b| (*a - *b).abs() < LEVEL);
-        values.len()
-    };
-    let all: Vec<usize> = (0..samples.first()?.joints.len()).map(levels).collect();
-    let is_moved = |joint: &usize| all[*joint] > 1;
-    let is_of_grid = |joint: &usize| all[*joint] <= LEVELS.0;
-    let moved: Vec<usize> = (0..all.len()).filter(is_moved).collect();
-    let few: Vec<usize> = moved.iter().copied().filter(is_of_grid).collect();
-    let most = few.iter().map(|joint| all[*joint]).max()?;
-    let named: Vec<String> = few.iter().map(|joint| (joint + 1).to_string()).collect();
-    let text = format!(
-        "the poses are on a grid (joints {}: at most {most} different values each), which does not show how a joint errs \
-         between these values: the expected error is that of poses on the grid; measure poses spread over the joint ranges",
-        named.join(", ")
-    );
-    let poses = configurations(samples, kinds).len();
-    (2 * few.len() > moved.len() && poses >= LEVELS.1 * most && few.len() > 1).then(|| {
-        Finding::new(
-            Cause::Few,
-            Tier::Warning,
-            text,
-            most as f64,
-            LEVELS.0 as f64,
-        )
-    })
 }
 
 /// Ratio above which rows contradict the arm of the others: their median distance from it over that of the others.
@@ -218,10 +153,8 @@ pub fn examine(
                 .extend(fit.and_then(|fit| left_out::examine(&data, &fit)));
         }
     }
-    let near = one_path(samples)
-        .or_else(|| in_stations(samples, &robot.kinds()))
-        .or_else(|| on_a_grid(samples, &robot.kinds()));
-    out.0.extend(near.filter(|_| fits_geometry));
+    out.0
+        .extend(spread::examine(samples, &robot.kinds()).filter(|_| fits_geometry));
     out.accept(&[]);
     out
 }

@@ -109,6 +109,8 @@ pub struct Judged<'a> {
     pub rows: Vec<Row>,
     /// Kinds of the joints.
     pub kinds: &'a [JointKind],
+    /// Standard deviation of one component that the model found at its training poses, in mm and mrad, if it is known.
+    pub fitted_noise: [Option<f64>; 2],
 }
 
 impl ReportData {
@@ -121,6 +123,7 @@ impl ReportData {
             poses: new().map(|i| self.calibrated().poses[i]).collect(),
             rows: new().map(|i| self.rows[i].clone()).collect(),
             kinds: &self.kinds,
+            fitted_noise: [None; 2],
         }
     }
 }
@@ -156,6 +159,7 @@ impl Certificate {
                 half(instrument.expanded_uncertainty_mm),
                 half(instrument.expanded_uncertainty_mrad),
             ],
+            fitted_noise: judged.fitted_noise,
         };
         let listed = |found: RepeatedPose| {
             let Row { file, line, .. } = &judged.rows[found.first];

@@ -72,6 +72,50 @@ fn poses_that_say_less_than_their_number_are_named() {
         60,
     );
     assert!(text.contains("on a grid (joints 1, 2, 3"), "{text}");
+    // Values half a degree beside four, a grid of the first three joints only, and a rail.
+    let jitter = |row, joint| 4e-3 * spread(row, joint);
+    let near_four =
+        |row: usize, joint: usize| ((37 * row + 11) / 4_usize.pow(joint as u32) % 4) as f64 / 3.0;
+    let text = few(
+        &|row, joint| 0.99 * near_four(row, joint) + jitter(row, joint),
+        60,
+    );
+    assert!(
+        text.contains("on a grid (joints 1, 2, 3, 4, 5, 6: near at most 4 values"),
+        "{text}"
+    );
+    let first = |count: usize| {
+        move |row: usize, joint: usize| match joint < count {
+            true => near_four(row, joint),
+            false => spread(row, joint),
+        }
+    };
+    let text = few(&first(3), 60);
+    assert!(text.contains("on a grid (joints 1, 2, 3: near"), "{text}");
+    assert_eq!(few(&first(1), 60), "", "a rail");
+    // Groups of eight poses, and five paths of twelve.
+    let text = few(
+        &|row, joint| 0.88 * spread(row % 8, joint) + 0.12 * spread(row, joint),
+        64,
+    );
+    assert!(text.contains("in groups or along paths"), "{text}");
+    let text = few(
+        &|row, joint| {
+            let along = (row / 5) as f64 / 11.0;
+            (1.0 - along) * spread(row % 5, joint) + along * spread(row % 5 + 5, joint)
+        },
+        60,
+    );
+    assert!(text.contains("in groups or along paths"), "{text}");
+    for poses in [20, 25, 40, 300] {
+        for start in [0, 1_000, 20_000] {
+            assert_eq!(
+                few(&|row, joint| spread(start + row, joint), poses),
+                "",
+                "{poses} {start}"
+            );
+        }
+    }
     assert_eq!(
         few(&|row, joint| spread(row % 20, joint), 60),
         "",

@@ -16,6 +16,9 @@ pub struct Knowledge<'a> {
     /// Standard uncertainty of the instrument by its certificate, common to all poses: in mm for position and in mrad for
     /// rotation.
     pub instrument: [Option<f64>; 2],
+    /// Standard deviation of one component that the model found at its training poses: in mm for position and in mrad for
+    /// rotation.
+    pub fitted_noise: [Option<f64>; 2],
 }
 
 /// A source of uncertainty.
@@ -196,6 +199,15 @@ fn instrument(found: &Quantile, noise: &Noise, certificate: Option<f64>) -> Cont
             "not stated: its noise stays in the errors; state its certificate",
             false,
         ),
+    };
+    let basis = match (noise.is_fitted && noise.sigma > 0.0, certificate) {
+        (true, Some(_)) => {
+            "certificate, and the fitted noise removed: the stated noise is too large"
+        }
+        (true, None) => {
+            "the fitted noise removed, because the stated noise is too large; state the certificate"
+        }
+        (false, _) => basis,
     };
     let row = Contribution::normal(Source::Instrument, Evaluation::B, basis);
     match known {

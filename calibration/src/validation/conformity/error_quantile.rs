@@ -104,7 +104,13 @@ pub struct Noise {
     pub repeated: Option<f64>,
     /// Whether the errors are certainly smaller than the stated noise, which then is not removed from them.
     pub is_contradicted: bool,
+    /// Whether `sigma` is that of the fit, because the file declares much more.
+    pub is_fitted: bool,
 }
+
+/// Share of the declared noise below which a fitted one counts in its place: two standard uncertainties of a declared noise, and
+/// some for the parameters that follow the noise.
+pub const OVERSTATED: f64 = 0.5;
 
 /// Degrees of freedom from which repeated measurements limit the noise that the file declares.
 const ENOUGH: f64 = 10.0;
@@ -123,9 +129,12 @@ const CONTRADICTION: f64 = 3.0;
 
 impl Noise {
     /// Takes the noise that the rows declare. The scatter of repeated measurements has the arm's repeatability in it, too, which
-    /// is an error of the arm. It therefore only limits the noise.
-    pub fn of(distinct: &Distinct) -> Self {
-        let declared = distinct.declared.map_or(0.0, |sigma| sigma * sigma);
+    /// is an error of the arm. It therefore only limits the noise. So does the standard deviation `fitted` of one component, in
+    /// mm or mrad, that the model found: it has errors of the arm in it that the model does not describe.
+    pub fn of(distinct: &Distinct, fitted: Option<f64>) -> Self {
+        let declared = distinct.declared.unwrap_or(0.0);
+        let fitted = fitted.filter(|fitted| *fitted < OVERSTATED * declared);
+        let declared = fitted.unwrap_or(declared).powi(2);
         let is_less = |(variance, freedom): &(f64, f64)| *freedom >= ENOUGH && *variance < declared;
         let repeated = distinct.repeated.filter(is_less);
         let variance = repeated.map_or(declared, |(variance, _)| variance);
@@ -143,6 +152,7 @@ impl Noise {
             },
             repeated,
             is_contradicted,
+            is_fitted: fitted.is_some(),
         }
     }
 

@@ -188,9 +188,10 @@ impl Characteristic {
         if distinct.poses() < LEAST_POSES {
             return None;
         }
-        let noise = Noise::of(&distinct);
+        let component = usize::from(rotation);
+        let noise = Noise::of(&distinct, knowledge.fitted_noise[component]);
         let found = estimate(&distinct, &noise);
-        let budget = sources(&found, &noise, knowledge, usize::from(rotation));
+        let budget = sources(&found, &noise, knowledge, component);
         Some(Self::judged(
             if rotation { "mrad" } else { "mm" },
             distinct.poses(),

@@ -105,6 +105,46 @@ fn a_noise_that_the_errors_contradict_is_not_removed() {
     assert!(small.error < 0.98 * plain.error);
 }
 
+/// A file declares three times the noise. It is removed up to what the fit found, so that E + U remains above the arm's own
+/// quantile; a fit that finds nearly the declared noise changes nothing.
+#[test]
+fn a_declared_noise_that_the_fit_contradicts_is_not_removed() {
+    let (noise, arm, draws) = (0.02, 0.025, 60);
+    let mut wrong = [0; 2];
+    // 0.95 quantile of the length of three normal components.
+    let truth = arm * 2.795;
+    for seed in 0..draws {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let all: Vec<[f64; 3]> = (0..60)
+            .map(|_| {
+                core::array::from_fn(|_| arm * normal(&mut random) + noise * normal(&mut random))
+            })
+            .collect();
+        let poses = poses(&all, Some(3.0 * noise));
+        for (count, fitted) in wrong.iter_mut().zip([Some(1.05 * noise), None]) {
+            let knowledge = Knowledge {
+                fitted_noise: [fitted, None],
+                ..Knowledge::default()
+            };
+            let found = Conformity::new(&poses, &knowledge, &Tolerances::default()).unwrap();
+            *count += u64::from(found.position.met < truth);
+        }
+    }
+    println!("E + U below the truth: {wrong:?} of {draws}");
+    assert!(wrong[0] <= draws / 20 && wrong[1] > draws / 2, "{wrong:?}");
+    let residuals = drawn(60, 0.02, &mut ChaCha8Rng::seed_from_u64(3));
+    let poses = poses(&residuals, Some(0.02));
+    let of = |fitted| {
+        let knowledge = Knowledge {
+            fitted_noise: [fitted, fitted],
+            ..Knowledge::default()
+        };
+        Conformity::new(&poses, &knowledge, &Tolerances::default()).unwrap()
+    };
+    let [alone, near] = [None, Some(0.016)].map(of);
+    assert_eq!(alone.position.met, near.position.met);
+}
+
 #[test]
 fn the_budget_adds_up() {
     let mut random = ChaCha8Rng::seed_from_u64(3);

@@ -12,7 +12,7 @@ use crate::cli::calibrate::provenance::provenance;
 use crate::cli::failure::Failure;
 use crate::cli::instrument_drift;
 use crate::cli::terminal::warnings;
-use crate::report::certificate::Certificate;
+use crate::report::certificate::{Certificate, Judged};
 use crate::report::controller::ControllerSummary;
 use crate::report::sections::{BlobSummary, ListedOutlier, LossJson};
 use crate::report::{FileSummary, HeldOutSummary, Provenance, ReportData};
@@ -25,6 +25,7 @@ use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::learning::elastic::outliers::{Outlier, Reason};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
+use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::frame_changes::{FrameChange, changes};
@@ -32,7 +33,8 @@ use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::model::touches::record::ArmRecord;
 use poegp_calibration::model::touches::summary::TouchSummary;
 use poegp_calibration::numeric::statistics::{ErrorSummary, Summary};
-use poegp_calibration::trust::Finding;
+use poegp_calibration::trust::{Cause, Finding, Tier};
+use poegp_calibration::validation::conformity::error_quantile::OVERSTATED;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection::{Choice, Row};
 use poegp_calibration::validation::next_steps::{self, Knowledge, NextSteps};
@@ -175,16 +177,16 @@ pub fn document(
     document.gauge = Some(measured.known.summary(calibration, blob, samples)?);
     document.held_out = evidence.map(ReportData::summary);
     let drift = measured.drift.as_ref().map(|d| &d.report);
+    document.elastic = ElasticSummary::new(calibration, samples);
+    let fitted_noise = (document.elastic.as_ref()).map_or([None; 2], ElasticSummary::noise);
     document.certificate = evidence.map(|evidence| {
         let drift = instrument_drift::known(drift, &measured.set);
-        Certificate::new(
-            evidence.judged(&c.tests.trained),
-            &a.statement,
-            drift,
-            &a.serial_number,
-        )
+        let judged = Judged {
+            fitted_noise,
+            ..evidence.judged(&c.tests.trained)
+        };
+        Certificate::new(judged, &a.statement, drift, &a.serial_number)
     });
-    document.elastic = ElasticSummary::new(calibration, samples);
     document.outliers = outliers(calibration, &measured.set, samples);
     document.choice = choice.map(|choice| choice.table.clone());
     document.chosen = choice.map(Choice::reason);
@@ -199,6 +201,17 @@ pub fn document(
     if let Some(worse) = document.worse_anywhere() {
         warnings::add_finding(&worse);
         document.warnings.push(worse);
+    }
+    let stated = InstrumentNoise::rms_over(samples).position;
+    let stated = stated.or(calibration.config.instrument_noise().position);
+    if let Some(overstated) = document
+        .elastic
+        .as_ref()
+        .zip(stated)
+        .and_then(overstated_noise)
+    {
+        warnings::add_finding(&overstated);
+        document.warnings.push(overstated);
     }
     if let Some(text) = document.unlike_training(!a.tests.is_empty()) {
         warnings::add(text);
@@ -251,6 +264,19 @@ impl CalibrateJson {
     pub fn worse_anywhere(&self) -> Option<Finding> {
         self.expected_error?.finding(self.choice.as_deref()?)
     }
+}
+
+/// Returns the warning that the file states much more noise than the fit finds. The verdict then removes the fitted noise.
+fn overstated_noise((elastic, stated): (&ElasticSummary, f64)) -> Option<Finding> {
+    let fitted_mm = elastic.noise()[0]?;
+    let ratio = 1e3 * stated / fitted_mm;
+    let text = format!(
+        "a standard uncertainty of {:.4} mm is stated, but the fitted noise of one component is {fitted_mm:.4} mm: state the \
+         standard uncertainty of one component (--position-sigma-mm or the columns sigma); a verdict uses the fitted noise",
+        1e3 * stated
+    );
+    let most = 1.0 / OVERSTATED;
+    (ratio > most).then(|| Finding::new(Cause::Noise, Tier::Warning, text, ratio, most))
 }
 
 /// Returns the part of the document that the fit and its blob decide.

@@ -127,6 +127,11 @@ impl ElasticSummary {
         Some((curve.amplitude_urad, curve.length_scale_deg, curve.orders))
     }
 
+    /// Returns the standard deviation of one component, mm and mrad.
+    pub fn noise(&self) -> [Option<f64>; 2] {
+        [Some(self.noise_mm), self.noise_mrad]
+    }
+
     /// Prints the summary.
     pub fn print(&self, report: Printer) {
         let orientation = self

@@ -209,6 +209,8 @@ fn checked<'a>(
         poses: findings.poses.clone(),
         rows,
         kinds: &kinds,
+        // These rows may come from another instrument than the training rows.
+        fitted_noise: [None; 2],
     };
     let drift = instrument_drift::known(data.drift.as_ref(), &data.set);
     let document = CheckJson {
