@@ -11,7 +11,7 @@
 //! correction changes it by some thousandths, so that the calibrated arm takes a step or two more than the nominal one.
 //!
 //! An arm of fewer than six joints cannot reach every pose: it reaches the position, and the rotation as nearly as that
-//! allows. In its errors a radian counts as much as a few millimetres ([`TURN_LENGTH`]).
+//! allows. In its errors a radian counts as much as 3 mm.
 //!
 //! A step is taken only if the error shrinks, and the number of steps is bounded. So the answer is never farther from the
 //! wanted pose than the seed, and never contains a NaN. Inverse kinematics serves planning, not the cycle: no firmware calls

@@ -23,6 +23,28 @@ fn position(document: &Value) -> [f64; 2] {
     ["error", "expanded"].map(|name| position[name].as_f64().unwrap())
 }
 
+/// The simulated instrument has 0.03 mm of noise. Four times as much is said, and the verdict uses what the fit found.
+#[test]
+fn a_noise_that_is_stated_too_large_is_said() {
+    let folder = folder();
+    let fit = |flags: &str| {
+        let line = format!(
+            "calibrate --robot {SERIAL} train.csv --test test.csv --method parametric --out arm.blob --json arm.json \
+             --tolerance-mm 5 {flags}"
+        );
+        let stderr = folder.run(&line).ok().stderr;
+        let document = folder.json("arm.json");
+        let met = document["certificate"]["conformity"]["position"]["met"].as_f64();
+        (stderr, document["warnings"].to_string(), met.unwrap())
+    };
+    let text = "but the fitted noise of one component is 0.0";
+    let (stated, listed, without) = fit("--position-sigma-mm 0.03");
+    assert!(!stated.contains(text) && !listed.contains(text), "{stated}");
+    let (stated, listed, met) = fit("--position-sigma-mm 0.12");
+    assert!(stated.contains(text) && listed.contains(text), "{stated}");
+    assert!(met > 0.8 * without, "{met} {without}");
+}
+
 /// The verdict of ISO 14253-1 is in the exit code, in the JSON and on the page.
 #[test]
 fn the_verdict_follows_the_guard_band() {

@@ -11,6 +11,7 @@ use crate::cli::calibrate::held_out::SEED;
 use crate::cli::calibrate::provenance::provenance;
 use crate::cli::failure::Failure;
 use crate::cli::instrument_drift;
+use crate::cli::terminal::print::warning;
 use crate::cli::terminal::warnings;
 use crate::report::certificate::{Certificate, Judged};
 use crate::report::controller::ControllerSummary;
@@ -203,7 +204,7 @@ pub fn document(
         document.warnings.push(worse);
     }
     let stated = InstrumentNoise::rms_over(samples).position;
-    let stated = stated.or(calibration.config.instrument_noise().position);
+    let stated = stated.or(a.statement.noise.position);
     if let Some(overstated) = document
         .elastic
         .as_ref()
@@ -211,6 +212,7 @@ pub fn document(
         .and_then(overstated_noise)
     {
         warnings::add_finding(&overstated);
+        warning(format_args!("{} [{}]", overstated.text, overstated.cause));
         document.warnings.push(overstated);
     }
     if let Some(text) = document.unlike_training(!a.tests.is_empty()) {

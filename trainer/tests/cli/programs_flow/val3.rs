@@ -159,3 +159,23 @@ fn parameters_of_val3_programs_change_what_they_stand_for() {
         assert!(left.contains(reason), "{line} {document}");
     }
 }
+
+/// A tool of VAL3 has no weight: the file of frames states it, for a tool that the program defines, too. Joint targets without a
+/// tool have none.
+#[test]
+fn the_weight_of_a_val3_tool_is_in_the_file_of_frames() {
+    let folder = folder();
+    let command = "correct elas.blob part.dtx --payload-from-program --out out.dtx --json -";
+    for (name, has_weight) in [("tGun[0]", true), ("tGun", true), ("tGun[1]", false)] {
+        let frames = format!(
+            "[tool.\"{name}\"]\nxyz_mm = [1, 2, 3]\nquaternion = [1, 0, 0, 0]\npayload_kg = 2.5\n"
+        );
+        folder.write("weights.toml", frames);
+        let outcome = folder.run(&format!("{command} --frames weights.toml"));
+        assert_eq!(
+            outcome.stdout.contains("\"payload_kg\": 2.5"),
+            has_weight,
+            "{name}: {outcome:#?}"
+        );
+    }
+}

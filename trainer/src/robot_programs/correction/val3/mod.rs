@@ -332,6 +332,9 @@ impl Reader<'_> {
         } else {
             ("base", "world[0]")
         };
+        // A program states no weights.
+        let weight = |name: &str| self.given.named(&name.to_lowercase(), is_tool)?.payload_kg;
+        let payload_kg = weight(key).or_else(|| weight(key.strip_suffix("[0]")?));
         let mut pose = Pose::identity();
         let mut next = key.to_owned();
         let mut origin = "the program".to_owned();
@@ -341,7 +344,7 @@ impl Reader<'_> {
                     name: key.to_owned(),
                     is_tool,
                     pose,
-                    payload_kg: None,
+                    payload_kg: payload_kg.filter(|_| is_tool),
                     origin,
                 }));
             }
