@@ -27,20 +27,32 @@ impl Calibration {
             false => Vec::new(),
         };
         let shown = HeldTool::new(&nominal_of(&self), &samples);
+        let found_tool = own.flange_from_targets[0];
+        // Positions do not show the orientation of the target: it remains as it was found.
+        let tool = choice.tool.map(|stated| match self.gauge.tool.source {
+            FrameSource::Positions => GaugeFrame {
+                pose: Pose {
+                    rotation: found_tool.rotation,
+                    ..stated.pose
+                },
+                ..stated
+            },
+            _ => stated,
+        });
         for (is_base, found, stated) in [
             (true, &own.instrument_from_base, choice.base),
-            (false, &own.flange_from_targets[0], choice.tool),
+            (false, &found_tool, tool),
         ] {
             if let Some(stated) = stated {
                 near(is_base, found, &stated, &shown)?;
             }
         }
         let gauge = match choice.over_grid {
-            true => self.fitted_gauge(robot, &grid, choice.base, choice.tool),
+            true => self.fitted_gauge(robot, &grid, choice.base, tool),
             false => Gauge {
                 grid,
                 base: choice.base.unwrap_or(self.gauge.base),
-                tool: choice.tool.unwrap_or(self.gauge.tool),
+                tool: tool.unwrap_or(self.gauge.tool),
             },
         };
         Ok(self.stated_in(&gauge))
@@ -56,14 +68,11 @@ impl Calibration {
     ) -> Gauge {
         let own = &self.base_and_tools;
         if self.is_the_nominal() && base.is_none() && tool.is_none() {
-            let own = |frame: GaugeFrame| GaugeFrame {
-                source: FrameSource::Grid,
-                ..frame
-            };
+            let own = |pose, source| GaugeFrame { pose, source };
             return Gauge {
                 grid: grid.clone(),
-                base: own(self.gauge.base),
-                tool: own(self.gauge.tool),
+                base: own(self.gauge.base.pose, FrameSource::Grid),
+                tool: own(self.gauge.tool.pose, self.source_of_tool()),
             };
         }
         let stated = |frame: Option<GaugeFrame>, own: &Pose<f64>| frame.map_or(*own, |f| f.pose);
@@ -87,17 +96,24 @@ impl Calibration {
             let kind = ResidualFrame::TOOL_POINT_TOOL_LENGTH;
             fit_frames_holding(&mut chain, &samples, &free, kind, &held);
         }
-        let fitted = |pose| GaugeFrame {
-            pose,
-            source: FrameSource::Grid,
-        };
+        let fitted = |pose, source| GaugeFrame { pose, source };
         let found = chain.frames();
         let old_from_base = found[0] * nominal_arm.frames()[0].inverse();
         let target = nominal_arm.frames()[last].inverse() * found[last];
         Gauge {
             grid: grid.clone(),
-            base: base.unwrap_or_else(|| fitted(own.instrument_from_base * old_from_base)),
-            tool: tool.unwrap_or_else(|| fitted(target)),
+            base: base.unwrap_or_else(|| {
+                fitted(own.instrument_from_base * old_from_base, FrameSource::Grid)
+            }),
+            tool: tool.unwrap_or_else(|| fitted(target, self.source_of_tool())),
+        }
+    }
+
+    /// Returns the source of a tool that is fitted over the grid.
+    fn source_of_tool(&self) -> FrameSource {
+        match self.gauge.tool.source {
+            FrameSource::Positions => FrameSource::Positions,
+            _ => FrameSource::Grid,
         }
     }
 

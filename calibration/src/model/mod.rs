@@ -90,16 +90,18 @@ pub(crate) fn calibrate_within(
         }
     }
     outliers.sort_by_key(|o| o.sample);
-    let frame = |pose| GaugeFrame {
-        pose,
-        source: FrameSource::Poses,
+    let frame = |pose, source| GaugeFrame { pose, source };
+    let has_orientations = samples.iter().any(|s| s.observation.has_orientation());
+    let of_tool = match has_orientations {
+        true => FrameSource::Poses,
+        false => FrameSource::Positions,
     };
     let mut out = Calibration {
         config: *config,
         gauge: Gauge {
             grid: GaugeGrid::new(robot, samples),
-            base: frame(base_and_tools.instrument_from_base),
-            tool: frame(base_and_tools.flange_from_targets[0]),
+            base: frame(base_and_tools.instrument_from_base, FrameSource::Poses),
+            tool: frame(base_and_tools.flange_from_targets[0], of_tool),
         },
         base_and_tools,
         tools: fit.tools,

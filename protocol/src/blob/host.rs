@@ -70,6 +70,8 @@ pub enum FrameSource {
     Previous,
     /// The user's statement.
     Stated,
+    /// Only of a tool: fit of the nominal robot to positions alone, which do not show the tool's orientation.
+    Positions,
 }
 
 /// A tool, described by the pose of its target relative to the target of the first tool.

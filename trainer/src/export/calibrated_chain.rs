@@ -1,7 +1,7 @@
 //! The calibrated chain of a blob in `f64`, with what is known about it.
 
 use poegp_protocol::JointKind;
-use poegp_protocol::blob::{Correction, Elastic};
+use poegp_protocol::blob::{Correction, Elastic, FrameSource};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
@@ -71,6 +71,8 @@ pub struct CalibratedChain {
     pub not_carried: Vec<String>,
     /// Names of the tools after the first.
     pub other_tools: Vec<String>,
+    /// Source of the target's frame on the flange.
+    pub tool: FrameSource,
 }
 
 impl CalibratedChain {
@@ -150,6 +152,7 @@ impl CalibratedChain {
             distance,
             not_carried,
             other_tools: tools.map(|(name, _)| name.to_string()).collect(),
+            tool: host.gauge.tool,
         };
         if let Some(robot) = chain.built_in() {
             chain.joints = robot.joints;

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
+use poegp_protocol::blob::FrameSource;
 use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
 
@@ -48,11 +49,21 @@ pub(super) fn comments(chain: &CalibratedChain, left_out: &[String]) -> Vec<Stri
     out
 }
 
-/// Says whose target a file has, if the model has several.
-pub fn target_of(chain: &CalibratedChain) -> Option<String> {
+/// Says whose target a file has, if the model has several, and whether its orientation is known.
+pub fn target_of(chain: &CalibratedChain) -> Vec<String> {
     let others = chain.other_tools.join(", ");
-    (!others.is_empty())
-        .then(|| format!("the target is that of the first tool; not that of {others}"))
+    let mut out = Vec::new();
+    if !others.is_empty() {
+        out.push(format!(
+            "the target is that of the first tool; not that of {others}"
+        ));
+    }
+    if chain.tool == FrameSource::Positions {
+        out.push(
+            "positions alone were measured: the orientation of the target is not known".to_owned(),
+        );
+    }
+    out
 }
 
 /// Describes distances from the model.

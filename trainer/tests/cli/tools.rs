@@ -1,9 +1,10 @@
 //! Sessions, several targets, and positions alone: the tool frames that a file needs.
 
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
 use poegp_runtime::math::se3::{Pose, Twist};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::program::{Folder, SERIAL, without};
 use crate::texts::texts;
@@ -110,6 +111,65 @@ fn positions_alone() {
     let document = folder.run(&line).ok().json();
     let all = &document["methods"][0]["cross_validation"];
     assert!(position(all) > 0.0 && all.get("orientation_mrad").is_none());
+}
+
+/// Positions do not show the target's orientation, so that no file states one, and the user need not know it.
+#[test]
+fn positions_do_not_show_an_orientation() {
+    let folder = Folder::new();
+    let (robot, train, test) = measured(60, 20);
+    for (name, poses) in [("train.csv", &train), ("test.csv", &test)] {
+        folder.write(name, positions(&to_csv(&robot, poses, false, "")));
+    }
+    let calibrate = |flags: &str| {
+        let line = format!(
+            "calibrate --robot {SERIAL} train.csv --method poe --out arm.blob --json - {flags}"
+        );
+        folder.run(&line).ok().json()["gauge"].clone()
+    };
+    let gauge = calibrate("");
+    assert_eq!(
+        (&gauge["base"], &gauge["tool"]),
+        (&json!("grid"), &json!("positions"))
+    );
+    let said = folder.run("inspect arm.blob").ok().stdout;
+    assert!(
+        said.contains("positions alone, which do not show its orientation"),
+        "{said}"
+    );
+    let written = |flags: &str| {
+        evaluated(
+            &folder,
+            "test.csv",
+            &format!("--predictions out.csv {flags}"),
+        );
+        let text = folder.text("out.csv");
+        text.lines().skip(1).all(|line| line.contains(",,,,,"))
+    };
+    assert!(written(""));
+    let said = folder.run("export arm.blob --mjcf arm.xml").ok().stdout;
+    let text = "the orientation of the target is not known";
+    assert!(
+        said.contains(text) && folder.text("arm.xml").contains(text),
+        "{said}"
+    );
+    // A stated orientation is that of the drawing; positions cannot contradict it, and they cannot confirm it.
+    let blob = BlobModel::read(&folder.path("arm.blob")).unwrap();
+    let found = Pose::from_rows(&blob.host().gauge.flange_from_target).translation * 1e3;
+    let stated = format!(
+        "{},{},{},0.5,0.5,0.5,0.5",
+        found[0],
+        found[1],
+        found[2] + 1.0
+    );
+    let gauge = calibrate(&format!("--tool-from {stated}"));
+    assert_eq!(gauge["tool"], "stated");
+    folder
+        .run("correct arm.blob test.csv --out c.csv --json c.json")
+        .ok();
+    // The nominal arm and the model have the same orientation of the target, whatever was stated.
+    let shift = folder.json("c.json")["shift_mrad"]["max"].as_f64().unwrap();
+    assert!(shift < 20.0, "{shift}");
 }
 
 #[test]

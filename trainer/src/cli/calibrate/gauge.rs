@@ -369,6 +369,10 @@ pub fn sources(base: &str, tool: &str, payload_kg: Option<f64>) -> String {
         "poses" => "the nominal model fitted to the measured poses".to_owned(),
         "grid" => format!("the nominal model fitted to the model over a fixed grid of poses{at}"),
         "previous" => "those of the earlier model".to_owned(),
+        "positions" => {
+            "the nominal model fitted to positions alone, which do not show its orientation"
+                .to_owned()
+        }
         _ => "as stated".to_owned(),
     };
     match base == tool {
@@ -384,6 +388,7 @@ pub fn source_name(source: FrameSource) -> &'static str {
         FrameSource::Grid => "grid",
         FrameSource::Previous => "previous",
         FrameSource::Stated => "stated",
+        FrameSource::Positions => "positions",
     }
 }
 

@@ -23,7 +23,13 @@ pub fn remarks(a: &Correct, format: Format, program: &Program, tool: FrameSource
                 .to_owned(),
         );
         let has_tool = frames.iter().any(|frame| frame.is_tool);
-        if has_tool && !matches!(tool, FrameSource::Stated | FrameSource::Previous) {
+        if has_tool && tool == FrameSource::Positions {
+            out.push(
+                "positions alone were measured, which do not show the orientation of the flange: a tool far from the \
+                 measured target may be off"
+                    .to_owned(),
+            );
+        } else if has_tool && !matches!(tool, FrameSource::Stated | FrameSource::Previous) {
             out.push(
                 "the model's flange is fitted, because the target's mounting was not stated (calibrate --tool-from): a tool \
                  from a drawing may be off along the last axis and about it"

@@ -11,6 +11,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::numeric::decimal::push_decimal;
 use poegp_calibration::numeric::statistics::{PoseError, PoseErrors};
 use poegp_calibration::validation::held_out::SigmaCounts;
+use poegp_protocol::blob::FrameSource;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 
@@ -85,7 +86,9 @@ impl<'a> Judge<'a> {
             let predicted = self.predicted(sample);
             let observed = &sample.observation;
             // The orientation of a tool that is fitted to positions alone is unknown.
-            let is_turned = !self.frames.is_tool_fitted[sample.tool] || observed.has_orientation();
+            let is_unknown = self.frames.is_tool_fitted[sample.tool]
+                || self.loaded.host().gauge.tool == FrameSource::Positions;
+            let is_turned = !is_unknown || observed.has_orientation();
             out.add(&predicted);
             if self.writes {
                 push_row(&mut out.text, &predicted, is_turned, self.with_trust);

@@ -171,7 +171,7 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
     if !left_out.is_empty() && has_chain {
         print_left_out(report, &left_out, a.c_header.is_some());
     }
-    if let Some(line) = target_of(&chain) {
+    for line in target_of(&chain) {
         report.line(format_args!("  {line}"));
     }
     Ok(summary)
