@@ -40,6 +40,7 @@ pub use poegp_protocol::cause::{Cause, Causes};
 pub(crate) use crate::trust::change_points::{AS_GOOD, BLIND, SPLITS, drop_among};
 pub use crate::trust::finding::{Finding, Findings, Tier};
 pub use crate::trust::residuals::{computed_by_model, overstated_noise};
+pub use crate::trust::spread::leaves_ranges_out;
 
 use crate::identification::alignment::{Alignment, LEVER, Row, align};
 use crate::measurement::MeasurementSet;

@@ -44,6 +44,11 @@ pub(super) fn examine(samples: &[InstrumentSample], kinds: &[JointKind]) -> Opti
         })
 }
 
+/// Returns whether the poses leave much of the joint ranges out: whether [`examine`] has a warning about them.
+pub fn leaves_ranges_out(samples: &[InstrumentSample], kinds: &[JointKind]) -> bool {
+    examine(samples, kinds).is_some()
+}
+
 /// Warns of rows that follow one path.
 fn one_path(samples: &[InstrumentSample]) -> Option<Finding> {
     let text = "the rows follow one path: they do not show errors beside this path, or a delay between joints and poses; \

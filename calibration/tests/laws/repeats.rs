@@ -15,7 +15,7 @@ fn robot(name: &str) -> Robot {
     Robot::load(name, &LoadOptions::default()).unwrap()
 }
 
-fn sample(robot: &Robot, pose: &SimulatedPose) -> InstrumentSample {
+pub fn sample(robot: &Robot, pose: &SimulatedPose) -> InstrumentSample {
     let joints = pose.joints.clone();
     let seen = Observation::Pose(pose.measured);
     Sample {

@@ -13,7 +13,7 @@ use poegp_runtime::math::se3::Pose;
 use std::ops::Range;
 
 use crate::identification::parametric::fit::parametric_fit;
-use crate::identification::parametric::state::{ParametricModel, ROWS};
+use crate::identification::parametric::state::{Layout, ParametricModel, ROWS};
 use crate::learning::elastic::options::{ElasticOptions, mean_payload};
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::folds::held_out_together;
@@ -32,6 +32,12 @@ const GROSS: f64 = 100.0;
 const ROUNDS: usize = 6;
 /// Number of equations for each parameter below which the parameters follow an outlier instead of showing it.
 const EQUATIONS_PER_PARAMETER: usize = 3;
+
+/// Number of equations for each parameter below which a single wrong pose may hide in the fit.
+const FOLLOWED: usize = 15;
+/// Largest share of the residuals' scale that is left once the hidden poses are out, and fewest poses for each of them.
+const UNHIDDEN: f64 = 0.5;
+const POSES_PER_HIDDEN: usize = 10;
 
 /// The test by which an outlier was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,49 +74,56 @@ pub fn gross_outliers(
     let (layout, hyper) = options.layouts(chain.kinds().len(), tools.len(), samples);
     let hyper = hyper.start_and_bounds(mean_payload(samples)).0;
     let equations: usize = samples.iter().map(|s| s.observation.equations()).sum();
-    if equations < EQUATIONS_PER_PARAMETER * (4 * layout.joints + 6 * tools.len()) {
+    if equations < EQUATIONS_PER_PARAMETER * geometric(&layout) {
         return Vec::new();
     }
-    robust_outliers(samples, &|kept| {
+    let fit = |kept: &[BaseSample], layout: &Layout| {
         let (tools, coupling) = (tools.to_vec(), coupling.cloned());
-        let mut state =
-            ParametricModel::new(chain, tools, coupling, layout.clone(), options.gravity);
+        let layout = layout.clone();
+        let mut state = ParametricModel::new(chain, tools, coupling, layout, options.gravity);
         parametric_fit(&mut state, kept, &hyper);
         state
+    };
+    let rigid = Layout {
+        gravity: false,
+        payload: false,
+        ..layout.clone()
+    };
+    robust_outliers(samples, &|kept| fit(kept, &layout), &|kept| {
+        fit(kept, &rigid)
     })
 }
 
-/// Finds poses that contradict the parameters alone. `fit_parameters` fits a fresh state to some samples.
+/// Finds poses that contradict the parameters alone. `fit_parameters` fits a fresh state to some samples, `fit_rigid` one
+/// without gravity.
+///
+/// Of few poses, the parameters follow a wrong one, and all residuals grow. A rigid arm has fewer to follow it with. So the fit
+/// also starts from the poses that are no gross outliers of a rigid arm. What it then finds counts if the scale of the residuals
+/// falls by far.
 pub fn robust_outliers(
     samples: &[BaseSample],
     fit_parameters: &dyn Fn(&[BaseSample]) -> ParametricModel,
+    fit_rigid: &dyn Fn(&[BaseSample]) -> ParametricModel,
 ) -> Vec<Outlier> {
-    let mut distances = vec![[0.0; 2]; samples.len()];
-    let squared = |d: &[f64; 2]| d[0] * d[0] + d[1] * d[1];
-    let mut believed = vec![true; samples.len()];
-    for _ in 0..ROUNDS {
-        let kept: Vec<BaseSample> = samples
-            .iter()
-            .zip(&believed)
-            .filter(|(_, b)| **b)
-            .map(|(s, _)| s.clone())
-            .collect();
-        if kept.len() < samples.len() / 2 {
-            return Vec::new();
-        }
-        let residuals = fit_parameters(&kept).residuals(samples, NoiseScales::ONE);
-        let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let scales = NoiseScales::robust(&residuals, samples);
-        for ((distance, r), sample) in distances.iter_mut().zip(&residuals).zip(samples) {
-            let own = scales.of(sample);
-            let turn = norm(&r[3..]) / own.orientation.max(QUIETEST.1);
-            *distance = [norm(&r[..3]) / own.position.max(QUIETEST.0), turn];
-        }
-        let now: Vec<bool> = distances.iter().map(|d| squared(d) <= GROSS).collect();
-        let settled = now == believed;
-        believed = now;
-        if settled {
-            break;
+    let judge = |believed: &[bool]| Judged::of(samples, believed, fit_parameters);
+    let judge_rigid = |believed: &[bool]| Judged::of(samples, believed, fit_rigid);
+    let Some(mut best) = settled(vec![true; samples.len()], &judge) else {
+        return Vec::new();
+    };
+    let parameters = best.parameters;
+    let equations: usize = samples.iter().map(|s| s.observation.equations()).sum();
+    if equations < FOLLOWED * parameters {
+        let most = (samples.len() / POSES_PER_HIDDEN).max(1);
+        let rigid = settled(vec![true; samples.len()], &judge_rigid);
+        let start = rigid.map(|rigid| rigid.believed());
+        let start = start.filter(|start| *start != best.believed());
+        let other = start.and_then(|start| settled(start, &judge));
+        let is_better = |other: &Judged| {
+            let outliers = other.believed().iter().filter(|is_in| !**is_in).count();
+            outliers <= most && other.scale < UNHIDDEN * best.scale
+        };
+        if let Some(other) = other.filter(is_better) {
+            best = other;
         }
     }
     let outlier = |(sample, d): (usize, &[f64; 2])| {
@@ -121,7 +134,81 @@ pub fn robust_outliers(
             sigmas: *d,
         })
     };
-    distances.iter().enumerate().filter_map(outlier).collect()
+    best.distances
+        .iter()
+        .enumerate()
+        .filter_map(outlier)
+        .collect()
+}
+
+/// Poses as a fit to some of them judges all.
+struct Judged {
+    /// Robust distances of position and rotation of each pose.
+    distances: Vec<[f64; 2]>,
+    /// Robust standard deviation of a position component, in m.
+    scale: f64,
+    /// Number of geometric parameters.
+    parameters: usize,
+}
+
+impl Judged {
+    fn of(
+        samples: &[BaseSample],
+        believed: &[bool],
+        fit_parameters: &dyn Fn(&[BaseSample]) -> ParametricModel,
+    ) -> Self {
+        let kept = samples.iter().zip(believed).filter(|(_, b)| **b);
+        let kept: Vec<BaseSample> = kept.map(|(s, _)| s.clone()).collect();
+        let state = fit_parameters(&kept);
+        let residuals = state.residuals(samples, NoiseScales::ONE);
+        let scales = NoiseScales::robust(&residuals, samples);
+        let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let distance = |(r, sample): (&[f64; ROWS], &BaseSample)| {
+            let own = scales.of(sample);
+            let turn = norm(&r[3..]) / own.orientation.max(QUIETEST.1);
+            [norm(&r[..3]) / own.position.max(QUIETEST.0), turn]
+        };
+        Self {
+            distances: residuals.iter().zip(samples).map(distance).collect(),
+            scale: scales.position.max(QUIETEST.0),
+            parameters: geometric(&state.layout),
+        }
+    }
+
+    /// Returns which poses are no gross outliers.
+    fn believed(&self) -> Vec<bool> {
+        self.distances.iter().map(|d| squared(d) <= GROSS).collect()
+    }
+}
+
+/// Returns the number of geometric parameters that poses can determine.
+fn geometric(layout: &Layout) -> usize {
+    4 * layout.joints + 6 * layout.tools
+}
+
+fn squared(d: &[f64; 2]) -> f64 {
+    d[0] * d[0] + d[1] * d[1]
+}
+
+/// Fits to the poses that the last fit accepts, beginning with `believed`, until these settle. Returns `None` if fewer than
+/// half of them remain.
+fn settled(mut believed: Vec<bool>, judge: &dyn Fn(&[bool]) -> Judged) -> Option<Judged> {
+    let mut judged = None;
+    for _ in 0..ROUNDS {
+        let kept = believed.iter().filter(|is_in| **is_in).count();
+        if kept < believed.len() / 2 {
+            return None;
+        }
+        let found = judge(&believed);
+        let now = found.believed();
+        let is_settled = now == believed;
+        believed = now;
+        judged = Some(found);
+        if is_settled {
+            break;
+        }
+    }
+    judged
 }
 
 /// Result of the leave-one-out prediction of every pose.

@@ -34,7 +34,7 @@ use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::model::touches::record::ArmRecord;
 use poegp_calibration::model::touches::summary::TouchSummary;
 use poegp_calibration::numeric::statistics::{ErrorSummary, Summary};
-use poegp_calibration::trust::{Cause, Finding, Tier};
+use poegp_calibration::trust::{Cause, Finding, Tier, leaves_ranges_out};
 use poegp_calibration::validation::conformity::error_quantile::OVERSTATED;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection::{Choice, Row};
@@ -59,6 +59,9 @@ pub struct CalibrateJson {
     /// deviation is the same everywhere.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_error: Option<ExpectedError>,
+    /// Whether the poses leave much of the joint ranges out, where the expected error is a guess.
+    #[serde(skip)]
+    pub leaves_ranges_out: bool,
     /// Steps that would lower the expected error.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub next_steps: Option<NextSteps>,
@@ -199,6 +202,7 @@ pub fn document(
     document.expected_error = own
         .map(|own| own.at_least(choice))
         .or_else(|| ExpectedError::new(calibration, robot, samples, choice));
+    document.leaves_ranges_out = leaves_ranges_out(samples, &robot.kinds());
     if let Some(worse) = document.worse_anywhere() {
         warnings::add_finding(&worse);
         document.warnings.push(worse);
@@ -317,6 +321,7 @@ fn of_fit(c: &Calibrated<'_>, provenance: Provenance) -> CalibrateJson {
         held_out: None,
         certificate: None,
         expected_error: None,
+        leaves_ranges_out: false,
         next_steps: None,
         step1: calibration.frame_fit().map(step1),
         hyperparameters: hyperparameters.collect(),

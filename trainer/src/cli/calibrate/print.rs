@@ -64,7 +64,11 @@ fn print_expected(report: Printer, calibration: &Calibration, document: &Calibra
         "  expected error with joints anywhere in their measured ranges: {:.3} mm mean, 95 % within {:.3} mm",
         anywhere.mean_mm, anywhere.p95_mm
     ));
-    if alike.is_some_and(|alike| anywhere.mean_mm > MUCH_LARGER * alike.mean) {
+    if document.leaves_ranges_out {
+        report.line(
+            "    far from the measured poses it is a guess: they lie on paths, on a grid or in groups",
+        );
+    } else if alike.is_some_and(|alike| anywhere.mean_mm > MUCH_LARGER * alike.mean) {
         report.line(
             "    it is larger because the measured poses combine the joints in few ways: they lie near each other, or the tool \
              has nearly the same orientation in all of them",
