@@ -245,6 +245,27 @@ fn answers_are_taken_back_and_never_repeated() {
     }
 }
 
+/// What follows a word that ends is not read.
+#[test]
+fn a_word_ends_the_measurement_and_an_unknown_one_is_named() {
+    let folder = Folder::new();
+    let arm = Answers::new(&folder);
+    let header = folder.text("touched/touches.csv");
+    let header = header.lines().find(|line| line.contains("q1_deg")).unwrap();
+    let line = MEASURE.replace("--json -", "--json log.json");
+    let [first, second] = [&arm.lines[0], &arm.lines[1]];
+    let input = format!("{header}\nskp\n{first}\nUNDO\n{first}\nQuit\n{second}\n");
+    let outcome = folder.run_with_input(&line, &input);
+    let said = format!("{}{}", outcome.stdout, outcome.stderr);
+    assert!(
+        said.contains("the word \"skp\", expected a row, or one of skip, undo"),
+        "{outcome:#?}"
+    );
+    let text = folder.text("measured.csv");
+    let rows: Vec<&str> = text.lines().filter(|l| !l.starts_with('#')).collect();
+    assert_eq!(rows, [header, first], "{text}");
+}
+
 /// A small expected error is not enough while a feature has too few rows, and the end says so.
 #[test]
 fn a_feature_without_rows_is_named_at_the_end() {

@@ -272,8 +272,44 @@ pub const SKIP: &str = "skip";
 /// The answer that takes back the last row, or with a number that row.
 pub const UNDO: &str = "undo";
 
-/// The answer that asks which answers there are.
-pub const HELP: &str = "help";
+/// An answer that is no row, in upper or lower case.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Word {
+    /// Ends the measurement, which can be continued later.
+    End,
+    /// Asks which answers there are.
+    Help,
+    /// Leaves out the row of the plan that is asked for.
+    Skip,
+    /// Takes back a row, or the last one, as the answer says. What is no number takes back row 0, which there is none of.
+    Undo(Option<usize>, String),
+    /// Letters that are none of these.
+    Unknown,
+}
+
+impl Word {
+    /// What an unknown word is refused for, for messages.
+    pub const EXPECTED: &str = "a row, or one of skip, undo, undo 5, end and help";
+
+    /// Returns the word of a line; `None` if it may be a row.
+    pub fn of(line: &str) -> Option<Self> {
+        let word = line.trim().to_lowercase();
+        match word.as_str() {
+            "end" | "quit" | "exit" => return Some(Self::End),
+            "help" | "?" => return Some(Self::Help),
+            SKIP => return Some(Self::Skip),
+            _ => {}
+        }
+        if let Some(row) = word.strip_prefix(UNDO) {
+            let row = row.trim();
+            let row = (!row.is_empty()).then(|| row.parse().unwrap_or(0));
+            return Some(Self::Undo(row, word));
+        }
+        word.chars()
+            .all(char::is_alphabetic)
+            .then_some(Self::Unknown)
+    }
+}
 
 /// Returns a row as a comment of as many bytes: `#` stands for its first character, and for the first two where it would
 /// otherwise begin an error of a spreadsheet.

@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 use crate::cli::args::{Gravity, RobotArgs, gravity, positive};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
-use crate::cli::measure::journal::{HELP, Journal, OnDisk, SKIP, UNDO, first_line};
+use crate::cli::measure::journal::{Journal, OnDisk, SKIP, Word, first_line};
 use crate::cli::measure::plan::Planned;
 use crate::cli::measure::show::{End, Show, kept, undone};
 use crate::cli::measure::source::{Lines, Origin};
@@ -39,7 +39,7 @@ use poegp_calibration::robot::ClassPrior;
     over the work volume. Enter what you measured as a line of CSV with the columns of OUT. The joints are those that \
     the controller shows; they need not be the planned ones. The line \"skip\" leaves out what cannot be measured, \
     \"undo\" takes back the last row, \
-    \"undo 5\" row 5, and \"help\" shows the columns. A row is on disk before it is confirmed; start the same command again to \
+    \"undo 5\" row 5, \"end\" ends, and \"help\" shows the columns. A row is on disk before it is confirmed; start the same command again to \
     continue.\n\n\
     The expected error is a mean over the work volume, of a model without processes and with the noise that the rows show.\n\n\
     Examples:\n  \
@@ -324,21 +324,24 @@ impl Session<'_> {
             if first_line(&line).is_none() {
                 continue;
             }
-            if [HELP, "?"].contains(&line.as_str()) {
-                let columns = self.columns().to_owned();
-                self.show.columns(&columns)?;
-                continue;
-            }
-            if line == SKIP {
-                return Ok(Answer::Skip);
-            }
-            if let Some(row) = line.strip_prefix(UNDO) {
-                // What is no number takes back no row.
-                let row = match row.trim() {
-                    "" => self.rows,
-                    number => number.parse().unwrap_or(0),
-                };
-                return Ok(Answer::Undo(row, line));
+            match Word::of(&line) {
+                Some(Word::End) => return Ok(Answer::End),
+                Some(Word::Skip) => return Ok(Answer::Skip),
+                Some(Word::Undo(row, said)) => {
+                    return Ok(Answer::Undo(row.unwrap_or(self.rows), said));
+                }
+                Some(Word::Help) => {
+                    let columns = self.columns().to_owned();
+                    self.show.columns(&columns)?;
+                    continue;
+                }
+                Some(Word::Unknown) => {
+                    let found = format!("the word \"{}\"", line.trim());
+                    let error = InputError::new(self.lines.name(), found, Word::EXPECTED);
+                    self.show.refused(&error.at_line(number))?;
+                    continue;
+                }
+                None => {}
             }
             match self.taken(number, &line) {
                 Ok(Some((set, kept))) => return Ok(Answer::Row(Box::new(set), kept)),

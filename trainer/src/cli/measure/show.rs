@@ -110,7 +110,7 @@ impl Show {
     pub fn columns(&mut self, columns: &str) -> Result<(), Failure> {
         self.report.line(format_args!(
             "answer with a row: {columns}\n  or with a word: skip (leave out what cannot be measured), undo (take \
-            back the last row), undo 5 (row 5), help"
+            back the last row), undo 5 (row 5), end, help"
         ));
         let columns: Vec<&str> = columns.split(',').map(str::trim).collect();
         self.document(json!({"event": "columns", "columns": columns}))
