@@ -44,7 +44,7 @@ pub(super) fn examine(samples: &[InstrumentSample], kinds: &[JointKind]) -> Opti
         })
 }
 
-/// Returns whether the poses leave much of the joint ranges out: whether [`examine`] has a warning about them.
+/// Returns whether the poses leave much of the joint ranges out: on paths, at stations, on a grid or in groups.
 pub fn leaves_ranges_out(samples: &[InstrumentSample], kinds: &[JointKind]) -> bool {
     examine(samples, kinds).is_some()
 }
