@@ -66,7 +66,7 @@ fn gross_is_ten_standard_deviations() {
             )
         })
         .collect();
-    let found = robust_outliers(&rows, &|_| known.clone(), &|_| known.clone());
+    let found = robust_outliers(&rows, &|_| known.clone(), None);
     let found: Vec<usize> = found.iter().map(|outlier| outlier.sample).collect();
     let expected: Vec<usize> = (0..rows.len()).filter(|i| displaced(*i) > 10.0).collect();
     assert_eq!(found, expected);

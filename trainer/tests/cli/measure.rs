@@ -16,6 +16,7 @@ use crate::texts::texts;
 /// A simulated arm that answers each request with the nearest touch of the same feature.
 struct Answers {
     set: TouchSet,
+    header: String,
     lines: Vec<String>,
     used: Vec<bool>,
 }
@@ -33,7 +34,9 @@ impl Answers {
         let robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
         let set = TouchSet::read(&folder.path("touched/touches.csv"), None, &robot).unwrap();
         let lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        let header = lines.iter().find(|line| line.contains("q1_deg"));
         Self {
+            header: header.unwrap().clone(),
             lines: set.rows.iter().map(|r| lines[r.line - 1].clone()).collect(),
             used: vec![false; set.rows.len()],
             set,
@@ -159,8 +162,7 @@ fn bad_rows_change_nothing_and_outliers_are_reported() {
     let _texts = texts();
     let folder = Folder::new();
     let arm = Answers::new(&folder);
-    let header = folder.text("touched/touches.csv");
-    let header = header.lines().find(|line| line.contains("q1_deg")).unwrap();
+    let header = &arm.header;
     let good: Vec<&str> = arm.lines.iter().map(String::as_str).step_by(3).collect();
     let row = &arm.set.rows[0];
     let mut far: Vec<String> = arm.lines[1].split(',').map(str::to_owned).collect();
@@ -212,8 +214,7 @@ fn bad_rows_change_nothing_and_outliers_are_reported() {
 fn answers_are_taken_back_and_never_repeated() {
     let folder = Folder::new();
     let arm = Answers::new(&folder);
-    let header = folder.text("touched/touches.csv");
-    let header = header.lines().find(|line| line.contains("q1_deg")).unwrap();
+    let header = &arm.header;
     let mut log = format!("feature,q1_deg\n{header}\n").into_bytes();
     // The first `undo` comes before any row: it stays refused when there is one.
     log.extend(b"# gr\xfcn\nskip\nundo 1\n");
@@ -250,8 +251,7 @@ fn answers_are_taken_back_and_never_repeated() {
 fn a_word_ends_the_measurement_and_an_unknown_one_is_named() {
     let folder = Folder::new();
     let arm = Answers::new(&folder);
-    let header = folder.text("touched/touches.csv");
-    let header = header.lines().find(|line| line.contains("q1_deg")).unwrap();
+    let header = &arm.header;
     let line = MEASURE.replace("--json -", "--json log.json");
     let [first, second] = [&arm.lines[0], &arm.lines[1]];
     let input = format!("{header}\nskp\n{first}\nUNDO\n{first}\nQuit\n{second}\n");
@@ -271,8 +271,7 @@ fn a_word_ends_the_measurement_and_an_unknown_one_is_named() {
 fn a_feature_without_rows_is_named_at_the_end() {
     let folder = Folder::new();
     let arm = Answers::new(&folder);
-    let header = folder.text("touched/touches.csv");
-    let header = header.lines().find(|line| line.contains("q1_deg")).unwrap();
+    let header = &arm.header;
     let sockets = arm.lines.iter().filter(|line| line.starts_with("socket"));
     let sockets: Vec<&str> = sockets.map(String::as_str).collect();
     let line = format!("{MEASURE} --until-mm 50").replace("--json -", "--json log.json");

@@ -74,7 +74,8 @@ pub fn gross_outliers(
     let (layout, hyper) = options.layouts(chain.kinds().len(), tools.len(), samples);
     let hyper = hyper.start_and_bounds(mean_payload(samples)).0;
     let equations: usize = samples.iter().map(|s| s.observation.equations()).sum();
-    if equations < EQUATIONS_PER_PARAMETER * geometric(&layout) {
+    let geometric = 4 * layout.joints + 6 * tools.len();
+    if equations < EQUATIONS_PER_PARAMETER * geometric {
         return Vec::new();
     }
     let fit = |kept: &[BaseSample], layout: &Layout| {
@@ -89,31 +90,32 @@ pub fn gross_outliers(
         payload: false,
         ..layout.clone()
     };
-    robust_outliers(samples, &|kept| fit(kept, &layout), &|kept| {
-        fit(kept, &rigid)
-    })
+    let fit_rigid = |kept: &[BaseSample]| fit(kept, &rigid);
+    let is_followed = equations < FOLLOWED * geometric;
+    let fit_rigid: Option<FitParameters<'_>> = is_followed.then_some(&fit_rigid);
+    robust_outliers(samples, &|kept| fit(kept, &layout), fit_rigid)
 }
 
-/// Finds poses that contradict the parameters alone. `fit_parameters` fits a fresh state to some samples, `fit_rigid` one
-/// without gravity.
+/// Fits a fresh state to some samples.
+pub type FitParameters<'a> = &'a dyn Fn(&[BaseSample]) -> ParametricModel;
+
+/// Finds poses that contradict the parameters alone. Of few poses, `fit_rigid` fits a state without gravity.
 ///
 /// Of few poses, the parameters follow a wrong one, and all residuals grow. A rigid arm has fewer to follow it with. So the fit
 /// also starts from the poses that are no gross outliers of a rigid arm. What it then finds counts if the scale of the residuals
 /// falls by far.
 pub fn robust_outliers(
     samples: &[BaseSample],
-    fit_parameters: &dyn Fn(&[BaseSample]) -> ParametricModel,
-    fit_rigid: &dyn Fn(&[BaseSample]) -> ParametricModel,
+    fit_parameters: FitParameters<'_>,
+    fit_rigid: Option<FitParameters<'_>>,
 ) -> Vec<Outlier> {
     let judge = |believed: &[bool]| Judged::of(samples, believed, fit_parameters);
-    let judge_rigid = |believed: &[bool]| Judged::of(samples, believed, fit_rigid);
     let Some(mut best) = settled(vec![true; samples.len()], &judge) else {
         return Vec::new();
     };
-    let parameters = best.parameters;
-    let equations: usize = samples.iter().map(|s| s.observation.equations()).sum();
-    if equations < FOLLOWED * parameters {
+    if let Some(fit_rigid) = fit_rigid {
         let most = (samples.len() / POSES_PER_HIDDEN).max(1);
+        let judge_rigid = |believed: &[bool]| Judged::of(samples, believed, fit_rigid);
         let rigid = settled(vec![true; samples.len()], &judge_rigid);
         let start = rigid.map(|rigid| rigid.believed());
         let start = start.filter(|start| *start != best.believed());
@@ -147,20 +149,13 @@ struct Judged {
     distances: Vec<[f64; 2]>,
     /// Robust standard deviation of a position component, in m.
     scale: f64,
-    /// Number of geometric parameters.
-    parameters: usize,
 }
 
 impl Judged {
-    fn of(
-        samples: &[BaseSample],
-        believed: &[bool],
-        fit_parameters: &dyn Fn(&[BaseSample]) -> ParametricModel,
-    ) -> Self {
+    fn of(samples: &[BaseSample], believed: &[bool], fit_parameters: FitParameters<'_>) -> Self {
         let kept = samples.iter().zip(believed).filter(|(_, b)| **b);
         let kept: Vec<BaseSample> = kept.map(|(s, _)| s.clone()).collect();
-        let state = fit_parameters(&kept);
-        let residuals = state.residuals(samples, NoiseScales::ONE);
+        let residuals = fit_parameters(&kept).residuals(samples, NoiseScales::ONE);
         let scales = NoiseScales::robust(&residuals, samples);
         let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
         let distance = |(r, sample): (&[f64; ROWS], &BaseSample)| {
@@ -171,7 +166,6 @@ impl Judged {
         Self {
             distances: residuals.iter().zip(samples).map(distance).collect(),
             scale: scales.position.max(QUIETEST.0),
-            parameters: geometric(&state.layout),
         }
     }
 
@@ -179,11 +173,6 @@ impl Judged {
     fn believed(&self) -> Vec<bool> {
         self.distances.iter().map(|d| squared(d) <= GROSS).collect()
     }
-}
-
-/// Returns the number of geometric parameters that poses can determine.
-fn geometric(layout: &Layout) -> usize {
-    4 * layout.joints + 6 * layout.tools
 }
 
 fn squared(d: &[f64; 2]) -> f64 {

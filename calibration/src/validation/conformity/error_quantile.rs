@@ -18,10 +18,12 @@
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 
+use poegp_protocol::cause::Cause;
 use statrs::function::beta::beta_reg;
 
 use crate::numeric::parallel::in_order;
 use crate::progress::threads;
+use crate::trust::{Finding, Tier};
 use crate::validation::conformity::error_family::{ErrorFamily, SHARE};
 use crate::validation::held_out::HeldOutPose;
 
@@ -110,7 +112,19 @@ pub struct Noise {
 
 /// Share of the declared noise below which a fitted one counts in its place: two standard uncertainties of a declared noise, and
 /// some for the parameters that follow the noise.
-pub const OVERSTATED: f64 = 0.5;
+const OVERSTATED: f64 = 0.5;
+
+/// Returns the finding that a file declares much more noise of positions than a fit finds, both in mm. A verdict then removes
+/// the fitted noise.
+pub fn overstated(declared_mm: f64, fitted_mm: f64) -> Option<Finding> {
+    let (ratio, most) = (declared_mm / fitted_mm, 1.0 / OVERSTATED);
+    let text = format!(
+        "a standard uncertainty of {declared_mm:.4} mm is stated, but the fitted noise of one component is {fitted_mm:.4} mm: \
+         state the standard uncertainty of one component (--position-sigma-mm, or the column sigma_mm); a verdict uses the \
+         fitted noise"
+    );
+    (ratio > most).then(|| Finding::new(Cause::Noise, Tier::Warning, text, ratio, most))
+}
 
 /// Degrees of freedom from which repeated measurements limit the noise that the file declares.
 const ENOUGH: f64 = 10.0;

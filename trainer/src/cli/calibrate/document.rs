@@ -34,8 +34,8 @@ use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::model::touches::record::ArmRecord;
 use poegp_calibration::model::touches::summary::TouchSummary;
 use poegp_calibration::numeric::statistics::{ErrorSummary, Summary};
-use poegp_calibration::trust::{Cause, Finding, Tier, leaves_ranges_out};
-use poegp_calibration::validation::conformity::error_quantile::OVERSTATED;
+use poegp_calibration::trust::{Finding, leaves_ranges_out};
+use poegp_calibration::validation::conformity::error_quantile::overstated;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection::{Choice, Row};
 use poegp_calibration::validation::next_steps::{self, Knowledge, NextSteps};
@@ -208,12 +208,9 @@ pub fn document(
         document.warnings.push(worse);
     }
     let stated = InstrumentNoise::rms_over(samples).position;
-    let stated = stated.or(a.statement.noise.position);
-    if let Some(overstated) = document
-        .elastic
-        .as_ref()
-        .zip(stated)
-        .and_then(overstated_noise)
+    let stated = stated.or(a.statement.noise.position).map(|m| 1e3 * m);
+    if let (Some(stated), Some(fitted)) = (stated, fitted_noise[0])
+        && let Some(overstated) = overstated(stated, fitted)
     {
         warnings::add_finding(&overstated);
         warning(format_args!("{} [{}]", overstated.text, overstated.cause));
@@ -270,19 +267,6 @@ impl CalibrateJson {
     pub fn worse_anywhere(&self) -> Option<Finding> {
         self.expected_error?.finding(self.choice.as_deref()?)
     }
-}
-
-/// Returns the warning that the file states much more noise than the fit finds. The verdict then removes the fitted noise.
-fn overstated_noise((elastic, stated): (&ElasticSummary, f64)) -> Option<Finding> {
-    let fitted_mm = elastic.noise()[0]?;
-    let ratio = 1e3 * stated / fitted_mm;
-    let text = format!(
-        "a standard uncertainty of {:.4} mm is stated, but the fitted noise of one component is {fitted_mm:.4} mm: state the \
-         standard uncertainty of one component (--position-sigma-mm or the columns sigma); a verdict uses the fitted noise",
-        1e3 * stated
-    );
-    let most = 1.0 / OVERSTATED;
-    (ratio > most).then(|| Finding::new(Cause::Noise, Tier::Warning, text, ratio, most))
 }
 
 /// Returns the part of the document that the fit and its blob decide.

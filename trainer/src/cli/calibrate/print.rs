@@ -66,7 +66,7 @@ fn print_expected(report: Printer, calibration: &Calibration, document: &Calibra
     ));
     if document.leaves_ranges_out {
         report.line(
-            "    far from the measured poses it is a guess: they lie on paths, on a grid or in groups",
+            "    this is a guess far from the measured poses, which lie on paths, on a grid or in groups",
         );
     } else if alike.is_some_and(|alike| anywhere.mean_mm > MUCH_LARGER * alike.mean) {
         report.line(

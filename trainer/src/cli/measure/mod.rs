@@ -333,21 +333,18 @@ impl Session<'_> {
                 Some(Word::Help) => {
                     let columns = self.columns().to_owned();
                     self.show.columns(&columns)?;
-                    continue;
                 }
                 Some(Word::Unknown) => {
                     let found = format!("the word \"{}\"", line.trim());
                     let error = InputError::new(self.lines.name(), found, Word::EXPECTED);
                     self.show.refused(&error.at_line(number))?;
-                    continue;
                 }
-                None => {}
-            }
-            match self.taken(number, &line) {
-                Ok(Some((set, kept))) => return Ok(Answer::Row(Box::new(set), kept)),
-                Ok(None) => {}
-                Err(Failure::Input(error)) => self.show.refused(&error)?,
-                Err(failure) => return Err(failure),
+                None => match self.taken(number, &line) {
+                    Ok(Some((set, kept))) => return Ok(Answer::Row(Box::new(set), kept)),
+                    Ok(None) => {}
+                    Err(Failure::Input(error)) => self.show.refused(&error)?,
+                    Err(failure) => return Err(failure),
+                },
             }
         }
     }
