@@ -7,7 +7,7 @@ use crate::measurement::observation::Observation;
 use crate::measurement::parse;
 use crate::measurement::touch::{Reading, TouchRow, TouchSet};
 use crate::model::touches::USUAL_CLASS;
-use crate::planning::next::doubt::{copy_of, judged};
+use crate::planning::next::doubt::{Judge, copy_of, judged};
 use crate::planning::next::outlook::outlook;
 use crate::robot::{LoadOptions, Robot};
 use crate::simulation::{Scenario, Simulator, to_csv};
@@ -144,4 +144,67 @@ fn copies_are_named_and_add_nothing() {
         found.unwrap().expected
     };
     assert_eq!(expected(&copied), expected(&set));
+}
+
+/// Rows one after another, as `trainer measure` judges them; returns those that contradict the others in the end.
+fn one_by_one(robot: &Robot, set: &TouchSet) -> Vec<usize> {
+    let nominal = robot.chain().unwrap();
+    let judge = Judge {
+        arm: (robot, &nominal),
+        plan: set,
+        gravity: GRAVITY,
+        class: USUAL_CLASS,
+    };
+    let rows = 0..set.rows.len();
+    let doubted = rows.fold(Vec::new(), |doubted, row| {
+        let mut so_far = set.clone();
+        so_far.rows.truncate(row + 1);
+        judge.doubted(&so_far, doubted, row..row + 1)
+    });
+    let mut rows: Vec<usize> = doubted.into_iter().map(|(row, _)| row).collect();
+    rows.sort_unstable();
+    rows
+}
+
+/// A wrong row among the first predicts the others wrongly, so that right rows contradict it: it is blamed, and not they. When
+/// something moved, no earlier row is blamed.
+#[test]
+fn a_wrong_one_of_the_first_rows_is_blamed_and_not_what_follows() {
+    let (mut wrong, mut blamed) = (0, 0);
+    for (name, scenario) in [
+        ("abb-irb120", Scenario::Paper),
+        ("ur10", Scenario::WithBacklash),
+        ("kuka-iiwa7", Scenario::Nonlinear),
+    ] {
+        let robot = robot(name);
+        for seed in 0..3 {
+            let set = poses(&robot, scenario, 20 + seed, 13);
+            assert_eq!(one_by_one(&robot, &set), [0; 0], "{name} {seed}");
+            for (joint, degrees) in [(1, -0.3), (2, 1.0)] {
+                let row = 3 + seed as usize;
+                let mut typed = set.clone();
+                let joints = &mut typed.rows[row].joints;
+                joints[joint] += f64::to_radians(degrees);
+                typed.rows[row].serial_joints = robot.serial_joints(&typed.rows[row].joints);
+                let found = one_by_one(&robot, &typed);
+                println!("{name} {seed} joint {joint}: {found:?}");
+                wrong += 1;
+                blamed += usize::from(found == [row]);
+                let right = found.iter().filter(|other| **other != row);
+                assert!(right.count() < 2, "{name} {seed} joint {joint}: {found:?}");
+            }
+            let mut moved = set.clone();
+            for row in &mut moved.rows[9..] {
+                let Reading::Tracker(Observation::Pose(pose)) = &mut row.reading else {
+                    panic!("a pose")
+                };
+                pose.translation.x += 3e-3;
+            }
+            let found = one_by_one(&robot, &moved);
+            println!("{name} {seed} moved: {found:?}");
+            assert_eq!(found, [9, 10, 11, 12], "{name} {seed}");
+        }
+    }
+    println!("{blamed} of {wrong} wrong rows blamed alone");
+    assert!(4 * blamed >= 3 * wrong);
 }

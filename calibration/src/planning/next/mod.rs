@@ -288,11 +288,16 @@ impl<'a> Chooser<'a> {
             Reading::Level { .. } | Reading::Board { .. } => tips.len(),
             _ => tip,
         };
+        self.use_up(row);
+        let seen = self.seen(&state, Some(row));
+        self.learn(seen);
+    }
+
+    /// Uses up the candidate that is nearest to a row, although the row says nothing.
+    pub fn use_up(&mut self, row: &TouchRow) {
         if let Some(nearest) = self.nearest(row) {
             self.taken[nearest] = true;
         }
-        let seen = self.seen(&state, Some(row));
-        self.learn(seen);
     }
 
     /// Returns the free candidate of the same feature whose joints and payload are nearest.

@@ -9,7 +9,7 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::model::gauge::GaugeChoice;
 use poegp_calibration::model::touches::calibrate_touches;
 use poegp_calibration::model::touches::stepped::described;
-use poegp_calibration::planning::next::doubt::{Judged, judged};
+use poegp_calibration::planning::next::doubt::{Judge, copy_of};
 use poegp_calibration::planning::next::moved::moved_since;
 use poegp_calibration::planning::next::outlook::outlook;
 use poegp_calibration::planning::next::waiting::waiting;
@@ -18,13 +18,6 @@ use poegp_protocol::cause::Cause;
 
 /// Rows that are judged one by one when a measurement is continued.
 const FEW: usize = 30;
-
-/// Numbers of rows that are few, but show which of them is wrong.
-const FIRST: Range<usize> = 8..16;
-/// Most of the first rows that may be wrong: more of them are the rule.
-const MOST_WRONG: usize = 2;
-/// Share of the expected error that is left without a wrong row, at most; a right one that is unusual is worth less.
-const WORTH: f64 = 0.5;
 
 /// Rows in succession that contradict the others and show that something moved.
 const IN_SUCCESSION: usize = 3;
@@ -52,56 +45,13 @@ impl Session<'_> {
 
     /// Compares new rows, and those in doubt, with their prediction by the rows before them.
     pub(super) fn doubt(&mut self, set: &TouchSet, new: Range<usize>) {
-        let is_doubted = |row: &usize| self.doubted.iter().any(|(other, _)| other == row);
-        let start = new.start;
-        let (doubted, mut known): (Vec<usize>, Vec<usize>) = (0..start).partition(is_doubted);
-        let mut asked: Vec<usize> = doubted.iter().copied().chain(new).collect();
-        let arm = self.arm;
-        let (gravity, class) = (self.gravity, self.class);
-        let by = |known: &[usize], asked: &[usize]| {
-            judged(
-                &arm.robot,
-                &arm.nominal,
-                set,
-                (known, asked),
-                gravity,
-                class,
-            )
+        let judge = Judge {
+            arm: (&self.arm.robot, &self.arm.nominal),
+            plan: &self.planned.set,
+            gravity: self.gravity,
+            class: self.class,
         };
-        if known.len() < FIRST.start {
-            return;
-        }
-        // A wrong one of the first rows widens what they predict, so that nothing contradicts it: each is left out in turn.
-        if FIRST.contains(&known.len()) {
-            let is_wrong = |row: &usize| {
-                let others: Vec<usize> = known.iter().copied().filter(|k| k != row).collect();
-                by(&others, &[*row]).iter().any(|judged| judged.contradicts)
-            };
-            let wrong: Vec<usize> = known.iter().copied().filter(is_wrong).collect();
-            let mut before = set.clone();
-            before.rows.truncate(start);
-            let expected = |without: &[usize]| {
-                let sets = (&before, &self.planned.set);
-                outlook(&arm.robot, &arm.nominal, sets, without, gravity, class)
-                    .map(|found| found.expected.mean_mm)
-            };
-            let is_less = |without: &[usize]| {
-                let pair = expected(without).zip(expected(&doubted));
-                pair.is_some_and(|(without, with)| without < WORTH * with)
-            };
-            let without = [doubted.as_slice(), &wrong].concat();
-            if !wrong.is_empty() && wrong.len() <= MOST_WRONG && is_less(&without) {
-                known.retain(|row| !wrong.contains(row));
-                asked.extend(wrong);
-            }
-        }
-        let found = by(&known, &asked);
-        // A row that cannot be judged now stays what it was.
-        self.doubted
-            .retain(|(row, _)| found.iter().all(|judged| judged.row != *row));
-        let wrong = found.iter().filter(|judged| judged.contradicts);
-        let of = |judged: &Judged| (judged.row, judged.missed_mm);
-        self.doubted.extend(wrong.map(of));
+        self.doubted = judge.doubted(set, std::mem::take(&mut self.doubted), new);
     }
 
     /// Returns the rows that contradict the others, with how far they are from their prediction in mm.
@@ -115,6 +65,10 @@ impl Session<'_> {
     /// Reports the rows that have become outliers.
     pub(super) fn report_outliers(&mut self) -> Result<(), Failure> {
         let outliers = self.contradicting();
+        let is_outlier = |row: &usize| outliers.iter().any(|(other, _)| other == row);
+        let agree = self.outliers.iter().filter(|row| !is_outlier(row));
+        let agree: Vec<usize> = agree.map(|row| row + 1).collect();
+        self.show.agree(&agree)?;
         let is_touch = self.planned.features().is_some();
         for (row, missed) in outliers
             .iter()
@@ -161,21 +115,54 @@ impl Session<'_> {
         all.or_else(|| outliers(&mut (0..set.rows.len()).rev().filter(of_feature)))
     }
 
-    /// Reports once that something moved, if so many rows in succession contradict the others.
+    /// Reports that something moved, if so many rows in succession contradict the others, and again whenever they show that it
+    /// was something else.
     pub(super) fn report_moved(&mut self, set: &TouchSet) -> Result<(), Failure> {
         let Some(rows) = self.in_succession(set) else {
             self.moved = None;
             return Ok(());
         };
-        if self.moved.replace(rows[0]) == Some(rows[0]) {
-            return Ok(());
-        }
         let arm = self.arm;
         let (gravity, class) = (self.gravity, self.class);
         let found = moved_since(&arm.robot, &arm.nominal, set, rows[0], gravity, class);
+        let parts = found.as_ref().map(|(_, step)| {
+            let others = step.others.iter().copied();
+            std::iter::once(step.part).chain(others).collect()
+        });
+        let moved = (rows[0], parts.unwrap_or_default());
+        if self.moved.as_ref() == Some(&moved) {
+            return Ok(());
+        }
+        self.moved = Some(moved);
         let text = found.map(|(set, step)| described(&set, &step));
         let rows: Vec<usize> = rows.iter().map(|row| row + 1).collect();
         self.show.moved(&rows, text.as_deref())
+    }
+
+    /// Computes from all rows of the file what is left of the plan.
+    pub(super) fn learn_all(&mut self, set: &TouchSet) {
+        self.chooser = self.planned.chooser(self.arm, self.gravity, self.class);
+        self.leave_out_skipped();
+        for row in 0..set.rows.len() {
+            self.learn(set, row);
+        }
+    }
+
+    /// Takes a row off the plan. One that contradicts the others is measured once more, unless the row before does, too: then
+    /// another pose says more of what is wrong.
+    pub(super) fn learn(&mut self, set: &TouchSet, row: usize) {
+        if copy_of(set, row).is_some() {
+            return;
+        }
+        let own = &set.rows[row];
+        let feature = own.reading.feature();
+        let mut before = (0..row).rev();
+        let before = before.find(|other| set.rows[*other].reading.feature() == feature);
+        if !self.is_outlier(row) {
+            self.chooser.measured(set, own);
+        } else if before.is_some_and(|other| self.is_outlier(other)) {
+            self.chooser.use_up(own);
+        }
     }
 
     /// Returns what `calibrate` makes of the touches so far.

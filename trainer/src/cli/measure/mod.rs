@@ -23,6 +23,7 @@ use crate::cli::measure::source::{Lines, Origin};
 use crate::cli::output::check_outputs;
 use crate::cli::output::kind::Kind;
 use crate::cli::terminal::print::{is_stdout, note, warning};
+use poegp_calibration::identification::touch::added::Part;
 use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::measurement::touch::{TouchRow, TouchSet};
 use poegp_calibration::model::touches::class_of;
@@ -102,7 +103,7 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
     }
     let gravity = Vector3::from(a.gravity.0);
     let class = class_of(&arm.robot, &planned.set);
-    let chooser = Chooser::new(&arm.robot, &arm.nominal, &planned.set, gravity, class);
+    let chooser = planned.chooser(&arm, gravity, class);
     lines.pass_over(&journal);
     let show = Show::new(a.json.as_deref(), planned.uncertain_below())?;
     let mut session = Session {
@@ -148,8 +149,8 @@ struct Session<'a> {
     doubted: Vec<(usize, Option<f64>)>,
     /// Rows that were reported as outliers.
     outliers: Vec<usize>,
-    /// The row since which something moved, as it was reported.
-    moved: Option<usize>,
+    /// The row since which something moved, and what that may be, as it was reported.
+    moved: Option<(usize, Vec<Part>)>,
     /// Why `calibrate` refuses the file although the expected error is small enough.
     incomplete: Option<InputError>,
     show: Show,
@@ -179,6 +180,32 @@ impl Session<'_> {
 
     /// Computes from the file what is known and what is left of the plan; returns whether the file has rows.
     fn look_again(&mut self) -> Result<bool, Failure> {
+        let Some(set) = self.so_far()? else {
+            (self.rows, self.found) = (0, None);
+            self.leave_out_skipped();
+            self.missing = waiting(&self.planned.without_rows());
+            return Ok(false);
+        };
+        self.rows = set.rows.len();
+        self.doubt_all(&set);
+        self.look(&set);
+        for row in 0..set.rows.len() {
+            if let Some(earlier) = copy_of(&set, row) {
+                note(format_args!(
+                    "row {} is a copy of row {} and does not count",
+                    row + 1,
+                    earlier + 1
+                ));
+            }
+        }
+        self.learn_all(&set);
+        self.report_outliers()?;
+        self.report_moved(&set)?;
+        Ok(true)
+    }
+
+    /// Removes from the plan the rows that were left out.
+    fn leave_out_skipped(&mut self) {
         for (said, about) in self.journal.said() {
             let is_it = |row: &TouchRow| self.planned.asked(row, self.arm).name() == about;
             let row = self.planned.set.rows.iter().position(is_it);
@@ -186,28 +213,6 @@ impl Session<'_> {
                 self.chooser.skip(row);
             }
         }
-        let Some(set) = self.so_far()? else {
-            (self.rows, self.found) = (0, None);
-            self.missing = waiting(&self.planned.without_rows());
-            return Ok(false);
-        };
-        self.rows = set.rows.len();
-        self.doubt_all(&set);
-        self.look(&set);
-        for (index, row) in set.rows.iter().enumerate() {
-            match copy_of(&set, index) {
-                Some(earlier) => note(format_args!(
-                    "row {} is a copy of row {} and does not count",
-                    index + 1,
-                    earlier + 1
-                )),
-                None if self.is_outlier(index) => {}
-                None => self.chooser.measured(&set, row),
-            }
-        }
-        self.report_outliers()?;
-        self.report_moved(&set)?;
-        Ok(true)
     }
 
     /// Parses the rows of the file; `None` if it has none.
@@ -235,14 +240,7 @@ impl Session<'_> {
         };
         let text = self.journal.take_back(line, said)?;
         self.show.taken_back(row, &text)?;
-        let (arm, planned) = (self.arm, self.planned);
-        self.chooser = Chooser::new(
-            &arm.robot,
-            &arm.nominal,
-            &planned.set,
-            self.gravity,
-            self.class,
-        );
+        self.chooser = self.planned.chooser(self.arm, self.gravity, self.class);
         self.outliers.clear();
         self.look_again()?;
         Ok(())
@@ -418,16 +416,15 @@ impl Session<'_> {
         let begun = Instant::now();
         self.doubt(set, index..self.rows);
         self.look(set);
-        let seconds = begun.elapsed().as_secs_f64();
-        if !self.is_outlier(index) {
-            self.chooser.measured(set, &set.rows[index]);
+        let outliers: Vec<usize> = self.contradicting().iter().map(|(row, _)| *row).collect();
+        let earlier = outliers.iter().filter(|row| **row != index);
+        match earlier.eq(&self.outliers) {
+            true => self.learn(set, index),
+            false => self.learn_all(set),
         }
+        let seconds = begun.elapsed().as_secs_f64();
         let until = self.options.until_mm;
-        let outliers: Vec<usize> = self
-            .contradicting()
-            .iter()
-            .map(|(row, _)| row + 1)
-            .collect();
+        let outliers: Vec<usize> = outliers.iter().map(|row| row + 1).collect();
         let found = self.found.as_ref();
         self.show
             .known(self.rows, found, &outliers, before, until, seconds)?;

@@ -16,7 +16,8 @@ use poegp_calibration::measurement::touch::{
 use poegp_calibration::model::Method;
 use poegp_calibration::planning::candidates::decimals;
 use poegp_calibration::planning::constraints::Constraints;
-use poegp_calibration::robot::in_file_units;
+use poegp_calibration::planning::next::Chooser;
+use poegp_calibration::robot::{ClassPrior, in_file_units};
 use poegp_calibration::trust::{self, Tier};
 use poegp_calibration::validation::model_selection::{FEW_FACTOR, UNCERTAIN};
 
@@ -127,6 +128,11 @@ impl Planned {
     /// Returns the path of the file that describes the features; `None` for poses of a tracker.
     pub fn features(&self) -> Option<&Path> {
         self.features.as_ref().map(|(path, _)| path.as_path())
+    }
+
+    /// Returns the chooser of the next row, before anything is measured.
+    pub fn chooser(&self, arm: &Arm, gravity: Vector3<f64>, class: ClassPrior) -> Chooser<'_> {
+        Chooser::new(&arm.robot, &arm.nominal, &self.set, gravity, class)
     }
 
     /// Returns the plan with no rows, as before the first measurement.

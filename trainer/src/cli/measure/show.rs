@@ -265,6 +265,23 @@ impl Show {
         self.document(json!({"event": "outlier", "row": row, "missed_mm": missed_mm}))
     }
 
+    /// Reports that rows no longer contradict the others.
+    pub fn agree(&mut self, rows: &[usize]) -> Result<(), Failure> {
+        if rows.is_empty() {
+            return Ok(());
+        }
+        let all: Vec<String> = rows.iter().map(ToString::to_string).collect();
+        let (noun, verb, counts) = match rows {
+            [_] => ("row", "agrees", "counts"),
+            _ => ("rows", "agree", "count"),
+        };
+        note(format_args!(
+            "{noun} {} now {verb} with the others and {counts}",
+            all.join(", ")
+        ));
+        self.document(json!({"event": "agree", "rows": rows}))
+    }
+
     /// Reports that something moved, because rows in succession contradict the others.
     pub fn moved(&mut self, rows: &[usize], found: Option<&str>) -> Result<(), Failure> {
         let Some(first) = rows.first() else {
