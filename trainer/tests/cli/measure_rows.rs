@@ -173,6 +173,82 @@ fn a_wrong_row_among_the_first_is_found() {
     }
 }
 
+/// Returns the rows with another number in one field of a row.
+fn with_field(
+    rows: &[String],
+    row: usize,
+    field: usize,
+    change: impl Fn(f64) -> f64,
+) -> Vec<String> {
+    let mut out = rows.to_vec();
+    let mut fields: Vec<String> = out[row].split(',').map(str::to_owned).collect();
+    fields[field] = format!("{:.6}", change(fields[field].parse().unwrap()));
+    out[row] = fields.join(",");
+    out
+}
+
+/// A joint that was typed wrong in row 2 makes row 9 contradict the others: one more row shows that row 2 is the wrong one, and
+/// row 9 counts.
+#[test]
+fn a_right_row_that_was_blamed_counts_again() {
+    let (folder, header, rows) = tracker();
+    let wrong = with_field(&rows[..13], 1, 5, |q5| q5 + 1.0);
+    let (outcome, log) = measured(&folder, &lines(&header, &wrong), "");
+    let outliers: Vec<&Value> = of(&log, "outlier").map(|d| &d["row"]).collect();
+    assert_eq!(outliers, [9, 2], "{outcome:#?}");
+    let agree: Vec<&Value> = of(&log, "agree").map(|d| &d["rows"]).collect();
+    assert_eq!(agree, [&serde_json::json!([9])]);
+    assert!(
+        outcome
+            .stderr
+            .contains("row 9 now agrees with the others and counts"),
+        "{outcome:#?}"
+    );
+    // Row 9 is off the plan, as it is for a session that continues with the file.
+    let left = |log: &[Value]| of(log, "next").last().unwrap()["left"].as_u64();
+    assert_eq!(left(&log), Some(rows.len() as u64 - 12));
+    assert_eq!(left(&measured(&folder, "", "").1), left(&log));
+}
+
+/// After a pose that contradicts the others twice, other poses are asked for: one pose does not show what moved.
+#[test]
+fn what_moved_is_shown_by_other_poses() {
+    let (folder, _, _) = tracker();
+    let plan = folder.text("plan.csv");
+    let plan: Vec<String> = plan.lines().map(str::to_owned).collect();
+    let mut session = Session::begin(&folder, &format!("{MEASURE} --json -"));
+    let (mut asked, mut outliers, mut found) = (Vec::new(), Vec::new(), Vec::new());
+    while let Some(document) = session.next() {
+        match document["event"].as_str().unwrap() {
+            "next" if asked.len() == 17 => assert!(session.say("end")),
+            "next" => {
+                let line = document["line"].as_u64().unwrap() as usize;
+                let moved = if asked.len() < 12 { 0.0 } else { 3.0 };
+                let row = with_field(&plan, line - 1, 8, |y| {
+                    y + moved + 1e-3 * asked.len() as f64
+                });
+                asked.push(line);
+                assert!(session.say(&row[line - 1]));
+            }
+            "outlier" => outliers.push(document["row"].clone()),
+            "moved" => found.push(document["found"].as_str().unwrap().to_owned()),
+            _ => {}
+        }
+    }
+    assert_eq!(session.code(), Some(0));
+    assert_eq!(outliers, [13, 14, 15, 16, 17]);
+    let (new, again) = (&asked[12], &asked[13]);
+    assert_eq!(new, again, "{asked:?}");
+    let different: std::collections::BTreeSet<_> = asked.iter().collect();
+    assert_eq!(different.len(), 16, "{asked:?}");
+    let last = found.last().unwrap();
+    assert!(
+        last.starts_with("the tracker or the base of the arm was moved by ")
+            && !last.contains("equally"),
+        "{found:?}"
+    );
+}
+
 /// A row that does not count stays so while it cannot be judged, as beside the first row with another payload.
 #[test]
 fn a_doubted_row_stays_doubted() {
