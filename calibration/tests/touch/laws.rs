@@ -8,6 +8,7 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::model::touches::class_of;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::Scenario;
+use poegp_calibration::validation::conformity::{Conformity, Tolerances, Verdict};
 use poegp_protocol::cause::Cause;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -90,6 +91,65 @@ fn a_known_distance_shows_the_size() {
     assert!(texts(&without).contains("unknown points cannot show the arm's size"));
     let [a, b] = [&with, &without].map(|of| of.found.summary.after.mean_mm);
     assert!(b > 1.1 * a, "{a:.3} with the distance, {b:.3} without");
+}
+
+/// What the touches leave to the class of the arm is no evidence for a tolerance, unless it hardly matters for it.
+#[test]
+fn a_verdict_does_not_rest_on_the_class() {
+    let mut data = touched(&[("socket", 2)], 40, 22);
+    let verdict = |of: &Trial, tolerance_mm: f64| {
+        let tolerances = Tolerances {
+            position_mm: Some(tolerance_mm),
+            ..Tolerances::default()
+        };
+        let summary = &of.found.summary;
+        let found = Conformity::of_touches(&of.known.exceeded, &tolerances, |tolerance| {
+            summary.left_to_class(tolerance)
+        });
+        (found.verdict.unwrap(), found.withheld)
+    };
+    let (_, with) = score(&data);
+    let met = Conformity::of_touches(&with.known.exceeded, &Tolerances::default(), |_| None);
+    let met = met.position.met;
+    assert_eq!(verdict(&with, 1.01 * met), (Verdict::Conforms, None));
+    data.0.distances.clear();
+    let (_, without) = score(&data);
+    let met = Conformity::of_touches(&without.known.exceeded, &Tolerances::default(), |_| None);
+    let met = met.position.met;
+    let (undecided, withheld) = verdict(&without, 1.01 * met);
+    assert_eq!(undecided, Verdict::Undecided);
+    assert!(withheld.unwrap().contains("cannot show the arm's size"));
+    assert_eq!(verdict(&without, 0.99 * met), (Verdict::Undecided, None));
+    assert_eq!(verdict(&without, 30.0 * met), (Verdict::Conforms, None));
+    // An arm that is far outside its class: nothing is left to it, whatever was touched.
+    let mut outside = with.found.summary.clone();
+    outside.beyond_class = Some(2.2);
+    assert!(
+        outside
+            .left_to_class(30.0 * met)
+            .unwrap()
+            .contains("2.2 times")
+    );
+}
+
+/// A level whose columns are exchanged is named, and one that is only noisy is not.
+#[test]
+fn a_level_with_exchanged_columns_is_named() {
+    let right = touched(&[("socket", 2), ("level", 1)], 40, 35);
+    let mut wrong = right.clone();
+    for row in &mut wrong.0.rows {
+        if let Reading::Level { gravity, .. } = &mut row.reading {
+            *gravity = Vector3::new(gravity.y, gravity.x, gravity.z);
+        }
+    }
+    let [right, wrong] = [right, wrong].map(|data| score(&data).1);
+    let named = |of: &Trial| {
+        let mut all = of.found.findings.0.iter();
+        all.any(|f| f.cause == Cause::Noise && f.text.contains("gx, gy and gz are exchanged"))
+    };
+    assert!(!named(&right), "{:#?}", right.found.findings);
+    assert!(named(&wrong), "{:#?}", wrong.found.findings);
+    assert_eq!(wrong.found.summary.play_mm, right.found.summary.play_mm);
 }
 
 /// Touches that scatter ten times as much as they declare: the fit finds the additional noise τ, and its statements hold.

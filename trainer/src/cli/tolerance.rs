@@ -146,6 +146,7 @@ pub fn outcome(certificate: Option<&Certificate>, statement: &Statement) -> Resu
     }
     let found = certificate.and_then(|c| c.conformity.as_ref());
     let more = match found.map(|c| (c.verdict, c.evidence)) {
+        _ if found.is_some_and(|c| c.withheld.is_some()) => "",
         Some((Some(Verdict::Undecided), Evidence::Touches)) => "; more touches narrow the ± range",
         Some((Some(Verdict::Undecided), _)) => "; more held-out poses narrow the ± range",
         _ => "",

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use poegp_calibration::identification::touch::volume::Exceeded;
 use poegp_calibration::measurement::folds::same_configurations;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::measurement::noise::InstrumentNoise;
+use poegp_calibration::model::touches::summary::TouchSummary;
 use poegp_calibration::validation::conformity::{Conformity, Knowledge, Tolerances};
 use poegp_calibration::validation::held_out::HeldOutPose;
 use poegp_calibration::validation::repeated_poses::{RepeatedPose, repeated_poses};
@@ -183,10 +183,15 @@ impl Certificate {
     }
 
     /// Creates the certificate of a calibration by touches.
-    pub fn of_touches(known: &Exceeded, statement: &Statement, serial_number: &str) -> Self {
+    pub fn of_touches(found: &TouchSummary, statement: &Statement, serial_number: &str) -> Self {
         let tolerances = &statement.tolerances;
+        let by_class = |tolerance_mm| found.left_to_class(tolerance_mm);
         Self {
-            conformity: Some(Conformity::of_touches(known, tolerances)),
+            conformity: Some(Conformity::of_touches(
+                &found.exceeded,
+                tolerances,
+                by_class,
+            )),
             repeated_poses: Vec::new(),
             instrument: statement.instrument.clone(),
             record: statement.record.clone(),

@@ -22,6 +22,11 @@ impl TouchFit {
                 out += if weight > 0.0 { 0.0 } else { GROSS * GROSS };
             }
         }
+        let poses = self.arm.poses(&problem.states);
+        let shared = self.shared_errors(problem, &poses);
+        out += shared
+            .map(|shared| shared.log_determinant(self.joint_scatter))
+            .sum::<f64>();
         let distances = problem.set.distances.iter();
         Some(out + distances.map(|d| 2.0 * libm::log(d.sigma)).sum::<f64>())
     }

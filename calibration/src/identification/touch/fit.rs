@@ -244,13 +244,8 @@ impl TouchFit {
                 }
             }
         }
-        for visit in &self.visits {
-            if let Some(motions) = &problem.joint_motions[visit.state] {
-                let sums = self.visit_sums(problem, visit, &poses[visit.state]);
-                let shared = SharedErrors::new(&sums, motions, self.joint_scatter);
-                sum -= shared.map_or(0.0, |shared| shared.explained());
-            }
-        }
+        let shared = self.shared_errors(problem, &poses);
+        sum -= shared.map(|shared| shared.explained()).sum::<f64>();
         let squared = |(x, sd): (&f64, f64)| if sd > 0.0 { (x / sd).powi(2) } else { 0.0 };
         let arm = self.arm.theta.iter().zip(self.priors(problem));
         let scene = self
@@ -269,6 +264,19 @@ impl TouchFit {
             }
         }
         sum
+    }
+
+    /// Returns the shared errors of all visits that have some.
+    pub(super) fn shared_errors(
+        &self,
+        problem: &TouchProblem,
+        poses: &[Pose<f64>],
+    ) -> impl Iterator<Item = SharedErrors> {
+        self.visits.iter().filter_map(|visit| {
+            let motions = problem.joint_motions[visit.state].as_ref()?;
+            let sums = self.visit_sums(problem, visit, &poses[visit.state]);
+            SharedErrors::new(&sums, motions, self.joint_scatter)
+        })
     }
 
     /// Returns the normal equations at the current parameters.

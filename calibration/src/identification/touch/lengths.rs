@@ -6,7 +6,7 @@
 //! - an arm of any size. Its size by the stated lengths, against the nominal model and the class, is in doubt from [`SIZE`]
 //!   standard deviations;
 //! - zeros, radii or tips that may be anything. One is in doubt from [`OWN`] standard deviations, if the noise falls with it;
-//! - scales of wires and known distances that may be anything. One is in doubt from [`OWN`] standard deviations, if the rows are
+//! - scales of wires and boards, and known distances, that may be anything. One is in doubt from [`OWN`] standard deviations, if the rows are
 //!   clearly more probable with it.
 //!
 //! Of several, the one with which the rows are most probable is named. A scale and a distance that explain the rows equally
@@ -44,7 +44,7 @@ pub enum StatedLength {
     Radius(usize),
     /// Position of the tip with this index, along an axis of the flange.
     Tip(usize, usize),
-    /// Scale of the anchor with this index.
+    /// Scale of the anchor or the board with this index.
     Scale(usize),
     /// Known distance with this index.
     Distance(usize),
@@ -60,7 +60,7 @@ impl StatedLength {
         }
     }
 
-    /// Returns whether the length is one of two that contradict each other: the scale of a wire, or a known distance.
+    /// Returns whether the length is one of two that contradict each other: the scale of a wire or a board, or a known distance.
     pub fn compares(self) -> bool {
         matches!(self, Self::Scale(_) | Self::Distance(_))
     }
@@ -72,7 +72,7 @@ pub struct Doubt {
     /// The length in doubt.
     pub length: StatedLength,
     /// By the touches, minus what is stated, in m; for [`StatedLength::All`] how much larger than nominal the arm is with
-    /// them, relative to its size; for [`StatedLength::Scale`] how much too small a reading is, relative to it.
+    /// them, relative to its size; for [`StatedLength::Scale`] how much too small a reading or a board is, relative to it.
     pub off: f64,
     /// Standard deviation of `off`, by what is stated and by the touches.
     pub sigma: f64,
@@ -207,7 +207,7 @@ fn tips(set: &mut TouchSet) -> Vec<(StatedLength, f64)> {
 }
 
 fn scales(set: &mut TouchSet) -> Vec<(StatedLength, f64)> {
-    // By itself, the scale of a wire is the size of the arm.
+    // By itself, the scale of a wire or of a board is the size of the arm.
     if !has_other_length(set) {
         return Vec::new();
     }
@@ -216,6 +216,10 @@ fn scales(set: &mut TouchSet) -> Vec<(StatedLength, f64)> {
         FeatureKind::Anchor { scale_sigma, .. } => Some((
             StatedLength::Scale(index),
             loosened(scale_sigma, ANY_SCALE)?,
+        )),
+        FeatureKind::Board(board) => Some((
+            StatedLength::Scale(index),
+            loosened(&mut board.scale_sigma, ANY_SCALE)?,
         )),
         _ => None,
     };
@@ -271,8 +275,13 @@ fn doubts(
             StatedLength::Zero(feature)
             | StatedLength::Radius(feature)
             | StatedLength::Scale(feature) => {
-                // Zero and radius follow the three coordinates of the feature, the scale follows the zero.
-                let after = 3 + usize::from(matches!(length, StatedLength::Scale(_)));
+                // Zero and radius follow the three coordinates of the feature, the scale follows the zero, or the pose of a
+                // board.
+                let is_scale = matches!(length, StatedLength::Scale(_));
+                let after = match loose.set.features[feature].kind {
+                    FeatureKind::Board(_) => 6,
+                    _ => 3 + usize::from(is_scale),
+                };
                 let at = fit.scene.first[feature] + after;
                 let groups = &fit.scene.groups;
                 let group = groups.iter().position(|group| group.contains(&at))?;
@@ -349,7 +358,9 @@ pub fn doubt(problem: &TouchProblem, nominal_arm: &TouchFit, fit: &TouchFit) -> 
         let most = doubts
             .into_iter()
             .max_by(|a, b| a.sigmas().total_cmp(&b.sigmas()));
-        let left = noise(problem, &loose);
+        // The joints of every image err less where the board has its true size.
+        let scatter = (loose.joint_scatter / fit.joint_scatter).powi(2);
+        let left = noise(problem, &loose).min(scatter * given);
         let is_in_doubt = |d: &Doubt| d.sigmas() > OWN;
         let explains = |d: &Doubt| match d.length.compares() {
             true => evidence < believed - CLEAR,

@@ -51,6 +51,13 @@ impl SharedErrors {
         pairs.map(|(a, b)| a * b).sum()
     }
 
+    /// Returns by how much the errors raise the logarithm of the determinant of the rows' covariance:
+    /// log det (I + σ² Zᵀ M Z).
+    pub fn log_determinant(&self, sigma: f64) -> f64 {
+        let joints = self.right.nrows() as f64;
+        2.0 * (joints * libm::log(sigma) + self.factor.half_log_determinant())
+    }
+
     /// Eliminates the errors from the sums of the visit.
     pub fn eliminate(&self, visit: &mut VisitSums, motions: &Mat<f64>) {
         let by_group = product(&visit.cross, motions);
@@ -144,7 +151,7 @@ mod tests {
         }
     }
 
-    /// Steps and χ² are those of equations in which every shared error is an unknown of its own.
+    /// Steps, χ² and the determinant are those of equations in which every shared error is an unknown of its own.
     #[test]
     fn eliminated_errors_are_those_of_explicit_unknowns() {
         let mut numbers = Numbers(1);
@@ -152,7 +159,7 @@ mod tests {
         let unknowns = ARM + OWN + VISITS * JOINTS;
         let mut normal = Mat::<f64>::identity(unknowns, unknowns);
         let mut right = Mat::zeros(unknowns, 1);
-        let mut explained = 0.0;
+        let (mut explained, mut determinant) = (0.0, 0.0);
         for visit in 0..VISITS {
             let (motions, jacobian) = (numbers.matrix(6, JOINTS), numbers.matrix(6, ARM));
             let mut rows = VisitSums::new(OWN);
@@ -188,11 +195,15 @@ mod tests {
             explained += alone.1.dot(&solved);
             let shared = SharedErrors::new(&rows, &motions, SIGMA).unwrap();
             explained -= shared.explained();
+            determinant += shared.log_determinant(SIGMA);
             shared.eliminate(&mut rows, &motions);
             sums.add(0, &rows, &jacobian);
         }
+        let solved = sums.factor(0.0).unwrap();
+        determinant += solved.log_determinant() - libm::log(normal.determinant());
+        assert!(determinant.abs() < 1e-10, "{determinant}");
         let step = normal.cholesky().unwrap().solve(&right);
-        let (arm, own) = sums.factor(0.0).unwrap().step();
+        let (arm, own) = solved.step();
         assert!(explained.abs() < 1e-10, "{explained}");
         for (found, expected) in arm.iter().chain(&own[0]).zip(step.iter()) {
             assert!((found - expected).abs() < 1e-10, "{found} {expected}");

@@ -68,7 +68,7 @@ pub fn doubted(set: &TouchSet, found: &Doubted) -> Finding {
     Finding::new(cause, Tier::Refused, text, sigmas, threshold)
 }
 
-/// Describes a wire and a known distance that contradict each other, or the one of them that is wrong.
+/// Describes a wire or a board and a known distance that contradict each other, or the one of them that is wrong.
 fn compared(set: &TouchSet, found: &Doubted) -> String {
     let one = |doubt: &Doubt| match doubt.length {
         StatedLength::Scale(feature) => scale(set, feature, doubt),
@@ -76,32 +76,54 @@ fn compared(set: &TouchSet, found: &Doubted) -> String {
         _ => String::new(),
     };
     let (doubt, sigmas) = (one(&found.doubt), found.doubt.sigmas());
+    let is_board = |length: StatedLength| match length {
+        StatedLength::Scale(feature) => {
+            matches!(set.features[feature].kind, FeatureKind::Board(_))
+        }
+        _ => false,
+    };
     match &found.or {
+        None if is_board(found.doubt.length) => format!(
+            "{doubt}, {sigmas:.1} standard deviations (limit {OWN}): measure its squares and check the camera's focal \
+             lengths, or state a larger scale_sigma_ppm"
+        ),
         None => format!(
             "{doubt}, {sigmas:.1} standard deviations (limit {OWN}): measure a known length with this wire, and correct its \
              readings, or state a larger scale_sigma_ppm"
         ),
         Some(or) => format!(
             "two stated lengths contradict each other, and the touches do not show which of them is wrong: either {doubt}, \
-             or {}; measure the distance again, and a known length with the wire",
-            one(or)
+             or {}; measure the distance again, and {}",
+            one(or),
+            match is_board(found.doubt.length) || is_board(or.length) {
+                true => "the squares of the board",
+                false => "a known length with the wire",
+            }
         ),
     }
 }
 
-/// Describes the wrong scale of a wire.
+/// Describes the wrong scale of a wire or of a board.
 fn scale(set: &TouchSet, feature: usize, doubt: &Doubt) -> String {
-    let stated = match set.features[feature].kind {
-        FeatureKind::Anchor { scale_sigma, .. } => 1e6 * scale_sigma,
-        _ => 0.0,
-    };
     let (ppm, plus_minus) = (1e6 * doubt.off, 1.96e6 * doubt.sigma);
-    let by = if ppm < 0.0 { "much" } else { "little" };
+    let (name, off) = (&set.features[feature].name, ppm.abs());
+    let is_less = ppm < 0.0;
+    let (stated, wrong) = match &set.features[feature].kind {
+        FeatureKind::Board(board) => {
+            let than = if is_less { "smaller" } else { "larger" };
+            let text = format!("\"{name}\" is {off:.0} ± {plus_minus:.0} ppm {than} than stated");
+            (board.scale_sigma, text)
+        }
+        FeatureKind::Anchor { scale_sigma, .. } => {
+            let by = if is_less { "much" } else { "little" };
+            let text = format!("\"{name}\" reads {off:.0} ± {plus_minus:.0} ppm too {by}");
+            (*scale_sigma, text)
+        }
+        _ => (0.0, name.clone()),
+    };
     format!(
-        "\"{}\" reads {:.0} ± {plus_minus:.0} ppm too {by} by the touches, and the file states {stated:.0} ppm \
-         (scale_sigma_ppm)",
-        set.features[feature].name,
-        ppm.abs()
+        "{wrong} by the touches, and the file states {:.0} ppm (scale_sigma_ppm)",
+        1e6 * stated
     )
 }
 

@@ -9,6 +9,8 @@ use poegp_protocol::cause::Cause;
 const BEYOND: f64 = 1.3;
 /// Share of the sum of squares above which a finding names a feature.
 const ALONE: f64 = 0.5;
+/// Errors of the joints in each image from which on a finding reports them, mrad.
+const SCATTERED: f64 = 0.4;
 
 /// Returns the findings against a calibration by touches.
 pub fn findings(summary: &TouchSummary) -> Findings {
@@ -18,9 +20,10 @@ pub fn findings(summary: &TouchSummary) -> Findings {
     let [nominal, calibrated] = summary.left_out;
     if summary.left_out_ratio >= LEFT_OUT_RATIO {
         let text = format!(
-            "touches that were left out miss by {calibrated:.3} {unit} with the arm calibrated by the others and \
-             by {nominal:.3} {unit} with the nominal model, a ratio of {:.2} (limit {LEFT_OUT_RATIO}): touch more often \
-             and in more orientations, and look for a tool that slips or joints with play",
+            "touches that were left out miss {:.2} times as far with the arm calibrated by the others as with the nominal \
+             model (all kinds, in units of their noise; limit {LEFT_OUT_RATIO}). Those of the most frequent kind miss by \
+             {calibrated:.3} {unit}, with the nominal model by {nominal:.3} {unit}: touch more often and in more \
+             orientations, and look for a tool that slips or joints with play",
             summary.left_out_ratio
         );
         out.push(refused(text, summary.left_out_ratio, LEFT_OUT_RATIO));
@@ -50,12 +53,13 @@ pub fn findings(summary: &TouchSummary) -> Findings {
     }
     for noise in summary.noise.iter().filter(|noise| noise.is_loud) {
         let text = format!(
-            "rows of kind {} miss by {:.2} mm beyond the stated {:.2} mm: {}, or the joints have play, or the tool \
-            slips; the expected error is enlarged to match",
-            noise.kind,
+            "rows of kind {kind} miss by {:.2} {unit} beyond the stated {:.2} {unit}: {}; the expected error is enlarged to \
+             match",
             noise.beyond,
             noise.stated,
-            suspected(noise.kind)
+            suspected(noise.kind),
+            kind = noise.kind,
+            unit = noise.unit
         );
         let found = Finding::new(
             Cause::Noise,
@@ -65,6 +69,19 @@ pub fn findings(summary: &TouchSummary) -> Findings {
             noise.stated,
         );
         out.push(found);
+    }
+    if let Some(mrad) = summary.joint_scatter_mrad.filter(|mrad| *mrad > SCATTERED) {
+        let text = format!(
+            "the images agree only if every joint errs by {mrad:.2} mrad in each of them (limit {SCATTERED} mrad): the squares \
+             of the board or the camera's focal length are not as stated, or the joints have play"
+        );
+        out.push(Finding::new(
+            Cause::Noise,
+            Tier::Warning,
+            text,
+            mrad,
+            SCATTERED,
+        ));
     }
     if let Some(factor) = summary.beyond_class.filter(|f| *f > BEYOND) {
         let text = format!(
@@ -105,13 +122,22 @@ pub fn findings(summary: &TouchSummary) -> Findings {
 /// Returns what may be worse than stated where rows of this kind miss by more than their noise.
 fn suspected(kind: &str) -> &'static str {
     match kind {
-        "plane" => "the plates are not as flat as stated (flatness_mm)",
-        "sphere" => "the balls are not as round, or the bar not as stiff, as stated (roundness_mm)",
-        "anchor" => "the wire is not as linear as stated (scale_sigma_ppm)",
-        "point" => {
-            "the ball does not seat itself in its socket in the same way each time (seat_mm)"
+        "plane" => {
+            "the plates are not as flat as stated (flatness_mm), or the joints have play, or the tool slips"
         }
-        _ => "the instrument is noisier than stated",
+        "sphere" => {
+            "the balls are not as round, or the bar not as stiff, as stated (roundness_mm), or the joints have play, or the \
+             tool slips"
+        }
+        "anchor" => {
+            "the wire is not as linear as stated (scale_sigma_ppm), or the joints have play, or the tool slips"
+        }
+        "point" => {
+            "the ball does not seat itself in its socket in the same way each time (seat_mm), or the joints have play, or \
+             the tool slips"
+        }
+        "level" => "gx, gy and gz are exchanged or reversed, or the sensor moved on its mount",
+        _ => "the instrument is noisier than stated, or the joints have play, or the tool slips",
     }
 }
 

@@ -10,7 +10,7 @@ use crate::identification::touch::judge::Verdict;
 use crate::identification::touch::scene::Figure;
 use crate::identification::touch::unseen::Unseen;
 use crate::identification::touch::volume::{Exceeded, Expected, Knowledge};
-use crate::measurement::touch::{KnownDistance, TouchSet};
+use crate::measurement::touch::{FeatureKind, KnownDistance, TouchSet};
 
 /// The summary of a calibration by touches.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -57,6 +57,9 @@ pub struct TouchSummary {
     pub outliers: Vec<TouchOutlier>,
     /// What the touches cannot determine.
     pub unseen: Vec<Unseen>,
+    /// Standard deviation of the joints' errors that the corners of an image share, in mrad; with images only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joint_scatter_mrad: Option<f64>,
     /// The largest τ of a length, in mm, if it is more than what is stated and what gears usually add.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub play_mm: Option<f64>,
@@ -180,7 +183,28 @@ fn mm(v: &Vector3<f64>) -> [f64; 3] {
     [1e3 * v[0], 1e3 * v[1], 1e3 * v[2]]
 }
 
+/// Share of a tolerance from which on an error that the touches do not show withholds the verdict "conforms".
+const LEFT_TO_CLASS: f64 = 0.1;
+/// Factor from which on the class does not describe the arm, so that nothing may be left to it.
+const OUTSIDE_CLASS: f64 = 2.0;
+/// Errors of a level that no arm causes, rad.
+const NO_LEVEL: f64 = 5e-3;
+
 impl TouchSummary {
+    /// Returns what the touches leave to the class of the arm, if that matters for a tolerance in mm: no verdict may rest on it.
+    pub fn left_to_class(&self, tolerance_mm: f64) -> Option<String> {
+        let matters = |unseen: &&Unseen| unseen.mm > LEFT_TO_CLASS * tolerance_mm;
+        if let Some(unseen) = self.unseen.iter().find(matters) {
+            return Some(unseen.text.clone());
+        }
+        self.beyond_class.filter(|f| *f > OUTSIDE_CLASS).map(|factor| {
+            format!(
+                "The arm deviates from its nominal model {factor:.1} times as much as stated for its class: state the class of \
+                 this arm in its description, if that is right, and measure a known length with another instrument."
+            )
+        })
+    }
+
     /// Creates the summary from the fit on the nominal model and the fit of the arm.
     pub fn new(
         problem: &TouchProblem,
@@ -195,6 +219,10 @@ impl TouchSummary {
         let scales = |s: &Scales| [1e3 * s.length, 1e3 * s.tilt, 1e3 * s.zero];
         let (left_out_unit, factor) = unit(verdict.kind);
         let noise = noise(problem, fit);
+        let has_images = set
+            .features
+            .iter()
+            .any(|f| matches!(f.kind, FeatureKind::Board(_)));
         Self {
             rows: set.rows.len(),
             equations: problem.equations(),
@@ -214,6 +242,7 @@ impl TouchSummary {
             tips_mm: tips_mm(problem, fit),
             outliers: outliers(problem, fit, &residuals[1]),
             unseen,
+            joint_scatter_mrad: has_images.then_some(1e3 * fit.joint_scatter),
             play_mm: loud_mm(&noise),
             noise,
         }
@@ -222,7 +251,9 @@ impl TouchSummary {
 
 /// Returns the largest noise of a length that is loud, in mm.
 fn loud_mm(noise: &[NoiseSummary]) -> Option<f64> {
-    let loud = noise.iter().filter(|noise| noise.is_loud);
+    let loud = noise
+        .iter()
+        .filter(|noise| noise.is_loud && noise.unit == "mm");
     loud.map(|noise| noise.beyond).max_by(f64::total_cmp)
 }
 
@@ -400,6 +431,11 @@ fn distances(problem: &TouchProblem, fit: &TouchFit) -> Vec<DistanceSummary> {
         .collect()
 }
 
+/// Returns whether a level reads something else than directions: gears, play and bending turn the flange by far less.
+fn is_no_level(kind: Noise, fit: &TouchFit) -> bool {
+    kind == Noise::Level && fit.tau[kind as usize] > NO_LEVEL
+}
+
 /// Summarises the noise of every kind of reading that occurs.
 pub fn noise(problem: &TouchProblem, fit: &TouchFit) -> Vec<NoiseSummary> {
     let of = |kind: Noise| {
@@ -409,7 +445,7 @@ pub fn noise(problem: &TouchProblem, fit: &TouchFit) -> Vec<NoiseSummary> {
             unit,
             stated: factor * stated,
             beyond: factor * fit.tau[kind as usize],
-            is_loud: fit.is_loud(problem, kind),
+            is_loud: fit.is_loud(problem, kind) || is_no_level(kind, fit),
         })
     };
     Noise::ALL.into_iter().filter_map(of).collect()

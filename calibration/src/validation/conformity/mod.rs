@@ -130,13 +130,21 @@ pub struct Conformity {
     /// The worse of the two verdicts; absent without a tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
+    /// Why the verdict is not [`Verdict::Conforms`] although E + U is within the tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub withheld: Option<String>,
 }
 
 impl Conformity {
     /// Judges a calibration from touches. No poses were held out, so the error is that of poses all over the work volume,
-    /// from what is known of the arm. Touches are not judged by rotations.
-    pub fn of_touches(known: &Exceeded, tolerances: &Tolerances) -> Self {
-        let position = Characteristic::judged(
+    /// from what is known of the arm. Touches are not judged by rotations. What the touches leave to the class of the arm
+    /// (`by_class` says what) is no evidence that an arm conforms.
+    pub fn of_touches(
+        known: &Exceeded,
+        tolerances: &Tolerances,
+        by_class: impl FnOnce(f64) -> Option<String>,
+    ) -> Self {
+        let mut position = Characteristic::judged(
             "mm",
             known.poses,
             known.error_mm,
@@ -144,12 +152,19 @@ impl Conformity {
             tolerances.position_mm,
             tolerances.coverage,
         );
+        let conforms = position.verdict == Some(Verdict::Conforms);
+        let tolerance = position.tolerance.filter(|_| conforms);
+        let withheld = tolerance.and_then(by_class);
+        if withheld.is_some() {
+            position.verdict = Some(Verdict::Undecided);
+        }
         Self {
             evidence: Evidence::Touches,
             coverage: tolerances.coverage,
             verdict: position.verdict,
             position,
             orientation: None,
+            withheld,
         }
     }
 
@@ -172,6 +187,7 @@ impl Conformity {
             verdict: verdict.max(),
             position,
             orientation,
+            withheld: None,
         })
     }
 }

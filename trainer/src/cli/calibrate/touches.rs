@@ -128,8 +128,8 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     let sum = written.sha256.clone();
     provenance.files.push(written);
     let is_judged = a.report.is_some() || a.statement.tolerances.is_stated();
-    let certificate = is_judged
-        .then(|| Certificate::of_touches(&summary.exceeded, &a.statement, &a.serial_number));
+    let certificate =
+        is_judged.then(|| Certificate::of_touches(&summary, &a.statement, &a.serial_number));
     let document = TouchJson {
         version: env!("CARGO_PKG_VERSION"),
         robot: a.robot.clone(),

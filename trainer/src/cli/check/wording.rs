@@ -236,9 +236,14 @@ pub fn sentence(c: &Change) -> String {
         }
         Part::Size => {
             let size = c.size_ppm;
-            let size = known(size.map(|e| format!("{:+.0} ± {:.0} ppm", e.value, e.plus_minus)));
+            let than = match size.is_some_and(|e| e.value < 0.0) {
+                true => "smaller",
+                false => "larger",
+            };
+            let text = |e: Estimate| format!("{:.0} ± {:.0} ppm", e.value.abs(), e.plus_minus);
+            let size = known(size.map(text));
             return format!(
-                "by the stated lengths, the arm is larger than its model by {size} ({p})"
+                "by the stated lengths, the arm is {than} than its model by {size} ({p})"
             );
         }
         Part::Joint(joint) => {

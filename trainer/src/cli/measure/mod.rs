@@ -349,9 +349,17 @@ impl Session<'_> {
 
     /// Parses a line and, if it is a row, puts it on disk; returns `None` for a header.
     fn taken(&mut self, number: usize, line: &str) -> Result<Option<(TouchSet, OnDisk)>, Failure> {
+        let fields = |line: &str| line.split(',').count();
+        let are_other_columns = fields(self.columns()) != fields(line);
         let of_input = |mut error: InputError| {
             error.line = error.line.map(|_| number);
-            error
+            match are_other_columns && self.journal.header().is_none() {
+                true => error.with_help(
+                    "if your rows have other columns, enter a line with their names first, such as \
+                     payload_kg,q1_deg,…",
+                ),
+                false => error,
+            }
         };
         if line.contains(char::REPLACEMENT_CHARACTER) {
             let found = "bytes that are not UTF-8 text";

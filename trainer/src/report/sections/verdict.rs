@@ -73,6 +73,10 @@ pub fn verdict(
             after ± or below it. " }
         }
         @match conformity.verdict {
+            Some(Verdict::Undecided) if conformity.withheld.is_some() => {
+                "The whole range is within the tolerance, but a part of it is assumed, not measured. "
+                (conformity.withheld.as_deref().unwrap_or_default())
+            }
             Some(Verdict::Undecided) => {
                 "The tolerance" @if are_two { " of one of them" } " lies within the range. More "
                 (evidence(conformity)) " narrow it."
@@ -317,5 +321,9 @@ pub fn line(conformity: &Conformity) -> Option<String> {
     };
     let both = [Some(&conformity.position), conformity.orientation.as_ref()];
     let both: Vec<String> = both.into_iter().flatten().filter_map(of).collect();
-    Some(format!("{verdict} ({})", both.join("; ")))
+    let withheld = conformity.withheld.as_ref();
+    let withheld = withheld.map_or_else(String::new, |text| {
+        format!("; a part of this is assumed, not measured: {text}")
+    });
+    Some(format!("{verdict} ({}{withheld})", both.join("; ")))
 }
