@@ -145,6 +145,12 @@ fn a_board_of_another_size_is_named() {
         let mut all = found.findings.0.iter();
         let text = "ppm larger than stated by the touches";
         let is_named = all.any(|f| f.cause == Cause::Noise && f.text.contains(text));
+        let mut all = found.findings.0.iter();
+        let is_loud = all.any(|f| {
+            f.text
+                .contains("the images agree only if every joint errs by")
+        });
+        assert_eq!(is_loud, is_named, "{:#?}", found.findings);
         (is_named, found.summary.joint_scatter_mrad)
     };
     let robot = Robot::load("ur10", &LoadOptions::default()).unwrap();

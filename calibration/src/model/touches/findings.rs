@@ -51,38 +51,7 @@ pub fn findings(summary: &TouchSummary) -> Findings {
         );
         out.push(refused(text, summary.worse_probability, WORSE));
     }
-    for noise in summary.noise.iter().filter(|noise| noise.is_loud) {
-        let text = format!(
-            "rows of kind {kind} miss by {:.2} {unit} beyond the stated {:.2} {unit}: {}; the expected error is enlarged to \
-             match",
-            noise.beyond,
-            noise.stated,
-            suspected(noise.kind),
-            kind = noise.kind,
-            unit = noise.unit
-        );
-        let found = Finding::new(
-            Cause::Noise,
-            Tier::Warning,
-            text,
-            noise.beyond,
-            noise.stated,
-        );
-        out.push(found);
-    }
-    if let Some(mrad) = summary.joint_scatter_mrad.filter(|mrad| *mrad > SCATTERED) {
-        let text = format!(
-            "the images agree only if every joint errs by {mrad:.2} mrad in each of them (limit {SCATTERED} mrad): the squares \
-             of the board or the camera's focal length are not as stated, or the joints have play"
-        );
-        out.push(Finding::new(
-            Cause::Noise,
-            Tier::Warning,
-            text,
-            mrad,
-            SCATTERED,
-        ));
-    }
+    out.extend(of_noise(summary));
     if let Some(factor) = summary.beyond_class.filter(|f| *f > BEYOND) {
         let text = format!(
             "this arm deviates from its nominal model {factor:.1} times as much as stated for its class: the expected \
@@ -116,6 +85,44 @@ pub fn findings(summary: &TouchSummary) -> Findings {
     }
     let mut out = Findings(out);
     out.accept(&[]);
+    out
+}
+
+/// Returns the findings about rows that miss by more than their noise.
+fn of_noise(summary: &TouchSummary) -> Vec<Finding> {
+    let mut out = Vec::new();
+    for noise in summary.noise.iter().filter(|noise| noise.is_loud) {
+        let text = format!(
+            "rows of kind {kind} miss by {:.2} {unit} beyond the stated {:.2} {unit}: {}; the expected error is enlarged to \
+             match",
+            noise.beyond,
+            noise.stated,
+            suspected(noise.kind),
+            kind = noise.kind,
+            unit = noise.unit
+        );
+        let found = Finding::new(
+            Cause::Noise,
+            Tier::Warning,
+            text,
+            noise.beyond,
+            noise.stated,
+        );
+        out.push(found);
+    }
+    if let Some(mrad) = summary.joint_scatter_mrad.filter(|mrad| *mrad > SCATTERED) {
+        let text = format!(
+            "the images agree only if every joint errs by {mrad:.2} mrad in each of them (limit {SCATTERED} mrad): the squares \
+             of the board or the camera's focal length are not as stated, or the joints have play"
+        );
+        out.push(Finding::new(
+            Cause::Noise,
+            Tier::Warning,
+            text,
+            mrad,
+            SCATTERED,
+        ));
+    }
     out
 }
 

@@ -16,6 +16,7 @@
 pub mod doubt;
 #[cfg(test)]
 mod doubt_tests;
+pub mod judge;
 pub mod moved;
 pub mod outlook;
 #[cfg(test)]
