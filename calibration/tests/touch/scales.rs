@@ -27,7 +27,9 @@ fn scaled(set: &TouchSet, wire: f64, distance: f64) -> TouchSet {
             *value *= wire;
         }
     }
-    out.distances[0].distance *= distance;
+    if let Some(first) = out.distances.first_mut() {
+        first.distance *= distance;
+    }
     out
 }
 
@@ -115,6 +117,28 @@ fn honest_lengths_are_not_accused() {
             let found = said(&robot, &scaled(&set, wire, 1.0));
             let name = format!("{} {} rows {wire}", robot.name, set.rows.len());
             assert_eq!(found, (None, false), "{name}");
+        }
+    }
+}
+
+/// A wire alone that reads 0.7 % too much makes a large arm as much larger, which no arm of its class is. A right wire,
+/// and one that is off by what it states, are not accused.
+#[test]
+fn a_wrong_wire_alone_makes_an_impossible_arm() {
+    let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
+    for (count, seed) in [(40, 5_201), (80, 5_202), (80, 5_203)] {
+        let (set, _) = simulated(&robot, Scenario::Paper, &[("wire", 1)], count, seed).unwrap();
+        for (factor, is_wrong) in [(1.0, false), (1.0005, false), (1.007, true), (0.99, true)] {
+            let found = calibrated(&robot, &scaled(&set, factor, 1.0));
+            let refused: Vec<_> = found.findings.of(Tier::Refused).collect();
+            println!(
+                "{count} {factor}: {:?}",
+                refused.iter().map(|f| &f.text).collect::<Vec<_>>()
+            );
+            let is_accused = refused
+                .iter()
+                .any(|f| f.text.contains("by the readings of \"wire/0\" this arm is"));
+            assert_eq!(is_accused, is_wrong, "{count} {factor}");
         }
     }
 }

@@ -22,7 +22,7 @@ pub const SIZE: f64 = 3.0;
 /// Standard deviations from which one zero, radius or tip is in doubt.
 pub const OWN: f64 = 5.0;
 /// Largest standard deviation of the size, in those of the class, with which it is determined: an arm of any size becomes
-/// smaller where nothing holds it, because its errors do, too.
+/// smaller where nothing holds it, because its errors do, too. Beyond it, the size is in doubt from [`OWN`] standard deviations.
 const DETERMINED: f64 = 3.0;
 /// Share of the noise, as a variance, that must be left when a zero, a radius or a tip is not believed.
 const EXPLAINED: f64 = 0.75;
@@ -115,7 +115,8 @@ pub fn size(problem: &TouchProblem, nominal_arm: &TouchFit) -> Option<(Doubt, To
     let variance = wide.solved(problem)?.covariance()[(at, at)] * ANY_SIZE.powi(2);
     let found = (fit.arm.theta[at], variance);
     let doubt = Doubt::new(StatedLength::All, found, 0.0);
-    (doubt.sigma < DETERMINED * size_of_class(&wide, problem)).then_some((doubt, fit))
+    let is_determined = doubt.sigma < DETERMINED * size_of_class(&wide, problem);
+    (is_determined || doubt.sigmas() > OWN).then_some((doubt, fit))
 }
 
 /// Returns the standard deviation of the size by the priors of a fit: that of the weighted mean of independent links.

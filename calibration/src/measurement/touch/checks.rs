@@ -314,7 +314,7 @@ impl TouchSet {
                     .at_column(self.feature_column, FEATURE)
                     .with_help(
                         "if it is another point, give it a name and a [[feature]] of its own; if not, this row's joints \
-                         are wrong",
+                         are wrong, or the zero of a joint is off by a degree or more: master it first",
                     ));
             }
             let (mean, spread) = mean_and_spread(&touched);

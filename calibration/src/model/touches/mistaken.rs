@@ -46,9 +46,16 @@ pub fn lost(robot: &Robot, problem: &TouchProblem, fit: &TouchFit) -> Option<Fin
         JointKind::Prismatic => format!("{} mm", three_digits(1e3 * zero.abs())),
     };
     let joint = column.index + 1;
+    // A tip that is turned about the last joint is as far from where it is stated.
+    let tip = match joint == robot.joints.len() {
+        true => {
+            "measure tip_mm again, for a tip that is turned about this joint looks the same; then "
+        }
+        false => "",
+    };
     let text = format!(
         "the zero of joint {joint} is {by} from the nominal model, {times:.0} times the {} of joint_zero_mrad: it was fitted without \
-         that prior; master joint {joint} again, or state a larger [prior] joint_zero_mrad",
+         that prior; {tip}master joint {joint} again, or state a larger [prior] joint_zero_mrad",
         three_digits(1e3 * stated)
     );
     Some(Finding::new(Cause::Frames, Tier::Warning, text, times, 1.0))
