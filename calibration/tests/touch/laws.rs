@@ -121,6 +121,12 @@ fn a_verdict_does_not_rest_on_the_class() {
     assert!(withheld.unwrap().contains("cannot show the arm's size"));
     assert_eq!(verdict(&without, 0.99 * met), (Verdict::Undecided, None));
     assert_eq!(verdict(&without, 30.0 * met), (Verdict::Conforms, None));
+    // Without a tolerance, none is said to be met.
+    let tolerances = Tolerances::default();
+    let found = Conformity::of_touches(&without.known.exceeded, &tolerances, |tolerance| {
+        without.found.summary.left_to_class(tolerance)
+    });
+    assert!(found.verdict.is_none() && found.withheld.is_some());
     // An arm that is far outside its class: nothing is left to it, whatever was touched.
     let mut outside = with.found.summary.clone();
     outside.beyond_class = Some(2.2);

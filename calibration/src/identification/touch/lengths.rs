@@ -6,8 +6,8 @@
 //! - an arm of any size. Its size by the stated lengths, against the nominal model and the class, is in doubt from [`SIZE`]
 //!   standard deviations;
 //! - zeros, radii or tips that may be anything. One is in doubt from [`OWN`] standard deviations, if the noise falls with it;
-//! - scales of wires and boards, and known distances, that may be anything. One is in doubt from [`OWN`] standard deviations, if the rows are
-//!   clearly more probable with it.
+//! - scales of wires and boards, and known distances, that may be anything. One is in doubt from [`OWN`] standard deviations,
+//!   if the rows are clearly more probable with it.
 //!
 //! Of several, the one with which the rows are most probable is named. A scale and a distance that explain the rows equally
 //! well are named together.

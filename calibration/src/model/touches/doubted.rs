@@ -24,8 +24,8 @@ pub fn doubted(set: &TouchSet, found: &Doubted) -> Finding {
                 false => ("smaller", "short"),
             };
             format!(
-                "by {} this arm is {:.2} % {size} than nominal, {sigmas:.1} standard deviations of its class (limit \
-                 {SIZE}): either all of them are too {length} by about {:.2} % (a unit, a scale, a nominal length), \
+                "by {} this arm is {:.2} % {size} than nominal, {sigmas:.1} standard deviations (limit \
+                 {SIZE}, or {OWN} where the touches determine the size poorly): either all of them are too {length} by about {:.2} % (a unit, a scale, a nominal length), \
                  or the robot description is of another variant; measure one of them again with another method",
                 lengths(set),
                 percent.abs(),

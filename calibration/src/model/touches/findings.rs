@@ -93,8 +93,7 @@ fn of_noise(summary: &TouchSummary) -> Vec<Finding> {
     let mut out = Vec::new();
     for noise in summary.noise.iter().filter(|noise| noise.is_loud) {
         let text = format!(
-            "rows of kind {kind} miss by {:.2} {unit} beyond the stated {:.2} {unit}: {}; the expected error is enlarged to \
-             match",
+            "rows of kind {kind} miss by {:.2} {unit} beyond the stated {:.2} {unit}: {}",
             noise.beyond,
             noise.stated,
             suspected(noise.kind),
@@ -126,26 +125,24 @@ fn of_noise(summary: &TouchSummary) -> Vec<Finding> {
     out
 }
 
-/// Returns what may be worse than stated where rows of this kind miss by more than their noise.
-fn suspected(kind: &str) -> &'static str {
-    match kind {
-        "plane" => {
-            "the plates are not as flat as stated (flatness_mm), or the joints have play, or the tool slips"
-        }
-        "sphere" => {
-            "the balls are not as round, or the bar not as stiff, as stated (roundness_mm), or the joints have play, or the \
-             tool slips"
-        }
-        "anchor" => {
-            "the wire is not as linear as stated (scale_sigma_ppm), or the joints have play, or the tool slips"
-        }
+/// Returns what may be wrong where rows of this kind miss by more than their noise.
+fn suspected(kind: &str) -> String {
+    let of_kind = match kind {
+        "plane" => "the plates are not as flat as stated (flatness_mm)",
+        "sphere" => "the balls are not as round, or the bar not as stiff, as stated (roundness_mm)",
+        "anchor" => "the wire is not as linear as stated (scale_sigma_ppm)",
         "point" => {
-            "the ball does not seat itself in its socket in the same way each time (seat_mm), or the joints have play, or \
-             the tool slips"
+            "the ball does not seat itself in its socket in the same way each time (seat_mm)"
         }
-        "level" => "gx, gy and gz are exchanged or reversed, or the sensor moved on its mount",
-        _ => "the instrument is noisier than stated, or the joints have play, or the tool slips",
-    }
+        "level" => {
+            return "gx, gy and gz are exchanged or reversed, or the sensor moved on its mount; the fit hardly uses the level"
+                .to_owned();
+        }
+        _ => "the instrument is noisier than stated",
+    };
+    format!(
+        "{of_kind}, or the joints have play, or the tool slips; the expected error is enlarged to match"
+    )
 }
 
 /// Largest number of rows that a sentence lists.

@@ -199,8 +199,8 @@ impl TouchSummary {
         }
         self.beyond_class.filter(|f| *f > OUTSIDE_CLASS).map(|factor| {
             format!(
-                "The arm deviates from its nominal model {factor:.1} times as much as stated for its class: state the class of \
-                 this arm in its description, if that is right, and measure a known length with another instrument."
+                "The arm deviates from its nominal model {factor:.1} times as much as stated for its class. Measure a known \
+                 length with another instrument; if the arm is right, state its class under [prior]."
             )
         })
     }

@@ -130,7 +130,8 @@ pub struct Conformity {
     /// The worse of the two verdicts; absent without a tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
-    /// Why the verdict is not [`Verdict::Conforms`] although E + U is within the tolerance.
+    /// Why the verdict is not [`Verdict::Conforms`] although E + U is within the tolerance, or would not be for a tolerance of
+    /// E + U where none was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub withheld: Option<String>,
 }
@@ -152,11 +153,13 @@ impl Conformity {
             tolerances.position_mm,
             tolerances.coverage,
         );
-        let conforms = position.verdict == Some(Verdict::Conforms);
-        let tolerance = position.tolerance.filter(|_| conforms);
-        let withheld = tolerance.and_then(by_class);
+        let withheld = match (position.tolerance, position.verdict) {
+            (Some(tolerance), Some(Verdict::Conforms)) => by_class(tolerance),
+            (None, _) => by_class(position.met),
+            _ => None,
+        };
         if withheld.is_some() {
-            position.verdict = Some(Verdict::Undecided);
+            position.verdict = position.verdict.map(|_| Verdict::Undecided);
         }
         Self {
             evidence: Evidence::Touches,

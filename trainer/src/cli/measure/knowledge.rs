@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use crate::cli::failure::Failure;
 use crate::cli::measure::Session;
-use poegp_calibration::measurement::touch::TouchSet;
+use crate::cli::measure::journal::SKIP;
+use poegp_calibration::measurement::touch::{TouchRow, TouchSet};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::gauge::GaugeChoice;
 use poegp_calibration::model::touches::calibrate_touches;
@@ -140,12 +141,18 @@ impl Session<'_> {
         self.show.moved(&rows, text.as_deref())
     }
 
-    /// Computes from all rows of the file what is left of the plan.
-    pub(super) fn learn_all(&mut self, set: &TouchSet) {
+    /// Computes what is left of the plan, from the rows of the file and from what was left out.
+    pub(super) fn learn_all(&mut self, set: Option<&TouchSet>) {
         self.chooser = self.planned.chooser(self.arm, self.gravity, self.class);
-        self.leave_out_skipped();
-        for row in 0..set.rows.len() {
-            self.learn(set, row);
+        for (said, about) in self.journal.said() {
+            let is_it = |row: &TouchRow| self.planned.asked(row, self.arm).name() == about;
+            let row = self.planned.set.rows.iter().position(is_it);
+            if let Some(row) = row.filter(|_| said == SKIP) {
+                self.chooser.skip(row);
+            }
+        }
+        if let Some(set) = set {
+            (0..set.rows.len()).for_each(|row| self.learn(set, row));
         }
     }
 

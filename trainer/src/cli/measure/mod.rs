@@ -25,7 +25,7 @@ use crate::cli::output::kind::Kind;
 use crate::cli::terminal::print::{is_stdout, note, warning};
 use poegp_calibration::identification::touch::added::Part;
 use poegp_calibration::input_error::{InputError, counted};
-use poegp_calibration::measurement::touch::{TouchRow, TouchSet};
+use poegp_calibration::measurement::touch::TouchSet;
 use poegp_calibration::model::touches::class_of;
 use poegp_calibration::planning::next::doubt::copy_of;
 use poegp_calibration::planning::next::outlook::Outlook;
@@ -182,7 +182,7 @@ impl Session<'_> {
     fn look_again(&mut self) -> Result<bool, Failure> {
         let Some(set) = self.so_far()? else {
             (self.rows, self.found) = (0, None);
-            self.leave_out_skipped();
+            self.learn_all(None);
             self.missing = waiting(&self.planned.without_rows());
             return Ok(false);
         };
@@ -198,21 +198,10 @@ impl Session<'_> {
                 ));
             }
         }
-        self.learn_all(&set);
+        self.learn_all(Some(&set));
         self.report_outliers()?;
         self.report_moved(&set)?;
         Ok(true)
-    }
-
-    /// Removes from the plan the rows that were left out.
-    fn leave_out_skipped(&mut self) {
-        for (said, about) in self.journal.said() {
-            let is_it = |row: &TouchRow| self.planned.asked(row, self.arm).name() == about;
-            let row = self.planned.set.rows.iter().position(is_it);
-            if let Some(row) = row.filter(|_| said == SKIP) {
-                self.chooser.skip(row);
-            }
-        }
     }
 
     /// Parses the rows of the file; `None` if it has none.
@@ -240,7 +229,6 @@ impl Session<'_> {
         };
         let text = self.journal.take_back(line, said)?;
         self.show.taken_back(row, &text)?;
-        self.chooser = self.planned.chooser(self.arm, self.gravity, self.class);
         self.outliers.clear();
         self.look_again()?;
         Ok(())
@@ -428,7 +416,7 @@ impl Session<'_> {
         let earlier = outliers.iter().filter(|row| **row != index);
         match earlier.eq(&self.outliers) {
             true => self.learn(set, index),
-            false => self.learn_all(set),
+            false => self.learn_all(Some(set)),
         }
         let seconds = begun.elapsed().as_secs_f64();
         let until = self.options.until_mm;

@@ -45,6 +45,7 @@ pub fn verdict(
             "No verdict: fewer than {LEAST_POSES} poses that differ were held out."
         ));
     };
+    let is_met = conformity.withheld.is_none();
     let lead = html! {
         p class="lead" {
             @match conformity.verdict {
@@ -53,8 +54,8 @@ pub fn verdict(
                 Some(Verdict::Undecided) => { b class="verdict undecided" { "It cannot be decided whether the arm conforms. " } }
                 None => {}
             }
-            (sentence(&conformity.position, "position", OF_POSITION))
-            @if let Some(rotation) = &conformity.orientation { " " (sentence(rotation, "rotation", OF_ROTATION)) }
+            (sentence(&conformity.position, "position", OF_POSITION, is_met))
+            @if let Some(rotation) = &conformity.orientation { " " (sentence(rotation, "rotation", OF_ROTATION, is_met)) }
         }
     };
     let both = [Some(&conformity.position), conformity.orientation.as_ref()];
@@ -73,8 +74,9 @@ pub fn verdict(
             after ± or below it. " }
         }
         @match conformity.verdict {
-            Some(Verdict::Undecided) if conformity.withheld.is_some() => {
-                "The whole range is within the tolerance, but a part of it is assumed, not measured. "
+            verdict if !is_met => {
+                @if verdict.is_some() { "The whole range is within the tolerance, but a part of it" } @else { "A part of the range" }
+                " is assumed, not measured. "
                 (conformity.withheld.as_deref().unwrap_or_default())
             }
             Some(Verdict::Undecided) => {
@@ -111,13 +113,14 @@ fn live_correction(live: &LiveCorrection) -> Markup {
 }
 
 /// Returns a sentence such as "95 of 100 poses are within 0.312 ± 0.058 mm; 0.400 mm are allowed."
-fn sentence(found: &Characteristic, what: &str, at: &str) -> Markup {
+fn sentence(found: &Characteristic, what: &str, at: &str, is_met: bool) -> Markup {
     let number = |value: f64, name: &str| Number::new(value, 3, format!("{at}/{name}"));
     html! {
         "95 of 100 " (what) "s are off by at most "
         (number(found.error, "error")) " ± " (number(found.expanded, "expanded")) " " (found.unit) "; "
         @match found.tolerance {
             Some(tolerance) => { (number(tolerance, "tolerance")) " " (found.unit) " are allowed." }
+            None if !is_met => { "no tolerance of this size is shown to be met." }
             None => { "a tolerance of " (number(found.met, "met")) " " (found.unit) " would be met." }
         }
     }
@@ -142,12 +145,20 @@ pub fn uncertainty_budget(certificate: &Certificate) -> Section {
             }
         }
         "The budget adds these sources (GUM, JCGM 100:2008). The arm conforms if the error plus \
-         the expanded uncertainty is within the tolerance. It does not conform if the error minus the expanded uncertainty is \
+         the expanded uncertainty is within the tolerance"
+        @if conformity.evidence == Evidence::Touches { ", unless a part of it is assumed" }
+        ". It does not conform if the error minus the expanded uncertainty is \
          beyond it. Between the two, nothing can be decided (ISO 14253-1)."
     });
-    section = budget(section, "Position", &conformity.position, OF_POSITION);
+    let is_met = conformity.withheld.is_none();
+    section = budget(
+        section,
+        "Position",
+        (&conformity.position, OF_POSITION),
+        is_met,
+    );
     if let Some(rotation) = &conformity.orientation {
-        section = budget(section, "Rotation", rotation, OF_ROTATION);
+        section = budget(section, "Rotation", (rotation, OF_ROTATION), is_met);
     }
     repeated(section, &certificate.repeated_poses)
 }
@@ -168,7 +179,12 @@ fn evidence(conformity: &Conformity) -> &'static str {
     }
 }
 
-fn budget(section: Section, what: &str, found: &Characteristic, at: &str) -> Section {
+fn budget(
+    section: Section,
+    what: &str,
+    (found, at): (&Characteristic, &str),
+    is_met: bool,
+) -> Section {
     let number = |value: f64, name: &str| Number::new(value, 4, format!("{at}/{name}"));
     let row = |(i, c): (usize, &Contribution)| {
         let at = format!("{at}/budget/{i}");
@@ -197,7 +213,9 @@ fn budget(section: Section, what: &str, found: &Characteristic, at: &str) -> Sec
             @if let Some(freedom) = found.degrees_of_freedom.filter(|freedom| *freedom < 1e4) {
                 " (" (Number::new(freedom, 0, format!("{at}/degrees_of_freedom"))) " degrees of freedom)"
             }
-            ". The smallest tolerance that would be met is " b { (number(found.met, "met")) " " (found.unit) } "."
+            @if is_met {
+                ". The smallest tolerance that would be met is " b { (number(found.met, "met")) " " (found.unit) } "."
+            } @else { ". A part of this is assumed: no tolerance of this size is shown to be met." }
         })
 }
 
